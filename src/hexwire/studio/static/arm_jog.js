@@ -57,7 +57,10 @@ export function mountSteps(page) {
     busy = false;
   };
 
-  /** One step. While the one before is under way it is added to what waits, so that no click is lost. */
+  /**
+   * One step. While the one before is under way it is added to what waits, so that no click is lost.
+   * @param {{joint?: string, axis?: number, turn: number}} way
+   */
   function press({ joint, axis, turn }) {
     const key = joint ?? axis;
     if (clicks >= MOST) {
@@ -93,11 +96,12 @@ function mountKeys(page, press) {
 
   const wayOfKey = ({ key, code, shiftKey }) => {
     const digit = DIGIT.exec(code);
-    if (digit) return joints[digit[1] - 1] && { joint: joints[digit[1] - 1], turn: shiftKey ? -1 : 1 };
+    const joint = digit && joints[Number(digit[1]) - 1];
+    if (digit) return joint && { joint, turn: shiftKey ? -1 : 1 };
     if (!page.args.space) return null;
     const letter = key.toLowerCase();
-    for (const [row, turn] of [[PLUS, 1], [MINUS, -1]]) if (row.includes(letter)) return { axis: row.indexOf(letter), turn };
-    return null;
+    if (PLUS.includes(letter)) return { axis: PLUS.indexOf(letter), turn: 1 };
+    return MINUS.includes(letter) ? { axis: MINUS.indexOf(letter), turn: -1 } : null;
   };
   const down = (event) => {
     if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest?.(TYPED)) return;
@@ -116,16 +120,15 @@ function mountKeys(page, press) {
   const hold = (way, code) => {
     const tool = [0, 0, 0, 0, 0, 0];
     if (!way.joint) tool[way.axis] = way.turn;
-    const jog = way.joint ? ["joint", { directions: { [way.joint]: way.turn } }] : ["space", { tool }];
+    const jog = way.joint ? { directions: { [way.joint]: way.turn } } : { tool };
     const mine = (held = { code });
-    hexwire.hold(jog[0], { ...jog[1], speed: page.speed }, { element: keys }).then((why) => {
+    hexwire.hold(way.joint ? "joint" : "space", { ...jog, speed: page.speed }, { element: keys }).then((why) => {
       if (held === mine) held = null;
       if (!FINE.includes(why)) page.tell("why", why);
     });
   };
   const up = (event) => held && (event.code === held.code || event.key === "Shift") && hexwire.release();
-  const listeners = [["keydown", down], ["keyup", up]];
-  for (const [name, act] of listeners) {
+  for (const [name, act] of Object.entries({ keydown: down, keyup: up })) {
     document.addEventListener(name, function once(event) {
       if (page.root.isConnected) act(event);
       else document.removeEventListener(name, once);

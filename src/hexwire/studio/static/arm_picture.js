@@ -9,8 +9,16 @@ const SWEEP = 80; // ms between two postures of the ghost
 const PERIOD = 4000; // ms in which it goes there and back
 
 export class Picture {
+  shown = null;
+  view = null;
+  geometry = null;
+  joint = null;
+  timer = 0;
+  pose = {};
+
   constructor(place, caption) {
-    Object.assign(this, { place, caption, shown: null, view: null, geometry: null, joint: null, timer: 0, pose: {} });
+    this.place = place;
+    this.caption = caption;
     this.still = matchMedia("(prefers-reduced-motion: reduce)");
     const watch = setInterval(() => {
       if (place.isConnected) return;

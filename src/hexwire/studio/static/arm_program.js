@@ -331,7 +331,7 @@ function motionOf(step) {
     return { what: "play", ...part, ...(step.to === undefined ? {} : { end: step.to }), ...speed };
   }
   const place = { what: "place", position: step.place.map((value) => value / 1000), relative: Boolean(step.relative), straight: Boolean(step.line), ...speed };
-  if (step.branch) place.branch = step.branch;
+  if (step.branch) Object.assign(place, { branch: step.branch });
   if (step.rpy) return { ...place, aim: "rpy", rpy: step.rpy.map(radians) };
   if (step.pitch !== undefined) return { ...place, aim: "pitch", pitch: radians(step.pitch), ...(step.roll === undefined ? {} : { roll: radians(step.roll) }) };
   return { ...place, aim: step.aim ?? "arm" };

@@ -2,7 +2,7 @@
 
 /**
  * Fetch columns.
- * @returns {Promise<{head: object, times: Float64Array, columns: Map<string, Float32Array>}>}
+ * @returns {Promise<{head: any, times: Float64Array, columns: Map<string, Float32Array>}>}
  * @throws {Error} with the server's words
  */
 export async function fetchColumns(address, query = {}) {
@@ -16,6 +16,7 @@ export function withQuery(address, query) {
 
 /**
  * Fetch from the studio.
+ * @returns {Promise<any>} its answer; of one that is JSON, `json` alone
  * @throws {Error} with the server's words, if it refuses
  */
 export async function ask(address, options) {

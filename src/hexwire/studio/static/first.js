@@ -44,9 +44,17 @@ export async function mount(element, { operates }) {
 }
 
 class Page {
+  told = null;
+  drawn = "";
+  measures = false;
+  mine = false;
+  torque = "";
+  missing = "";
+
   constructor(element, operates) {
     const find = (selector) => element.querySelector(selector);
-    Object.assign(this, { element, operates, told: null, drawn: "", measures: false, mine: false, torque: "", missing: "" });
+    this.element = element;
+    this.operates = operates;
     this.title = find("h2");
     this.text = find(".fr-text");
     this.more = find(".fr-more");
@@ -86,7 +94,7 @@ class Page {
       else step.removeAttribute("aria-current");
     });
     // What is drawn again must not take the place from under a finger, nor the focus from a button that stays.
-    const focused = this.element.contains(document.activeElement) ? document.activeElement.dataset.key : null;
+    const focused = this.element.contains(document.activeElement) ? document.activeElement.getAttribute("data-key") : null;
     if (!at) this.connect(moved);
     else this.step(told);
     this.look_at(told);

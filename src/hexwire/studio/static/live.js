@@ -13,7 +13,7 @@ export const FLAG = { voltage: 1, encoder: 2, temperature: 4, current: 8, clampe
 const FAULTS = ["voltage", "encoder", "temperature", "current", "overload", "silent"];
 const COLUMNS = ["position", "velocity", "load", "current", "voltage", "temperature", "goal"];
 
-const meta = (name) => document.querySelector(`meta[name="hexwire-${name}"]`).content;
+const meta = (name) => /** @type {HTMLMetaElement} */ (document.querySelector(`meta[name="hexwire-${name}"]`)).content;
 const key = meta("tab");
 const listeners = { frame: new Set(), facts: new Set(), hello: new Set(), news: new Set(), run: new Set(), link: new Set(), servos: new Set(), wave: new Set(), range: new Set(), steps: new Set(), leader: new Set(), first: new Set() };
 const answers = new Map(); // what was asked for by a call, and has no answer yet
@@ -223,8 +223,8 @@ function call(name, args = {}, opened = null) {
 }
 
 /** As `call`, for what a person has pressed: what is refused is told. Resolves to undefined then. */
-function act(...asked) {
-  return call(...asked).catch((error) => notify(error.message, "error"));
+function act(name, args = {}, opened = null) {
+  return call(name, args, opened).catch((error) => notify(error.message, "error"));
 }
 
 // -- holds ---------------------------------------------------------------------------------------------
@@ -235,7 +235,7 @@ function hold(kind, args, options = {}) {
   const stops = hexwire.frame ? hexwire.frame.stops : (hexwire.facts || {}).stops || 0;
   let settle;
   const over = new Promise((resolve) => (settle = resolve));
-  held = { number, kind, settle, attended: Boolean(options.attended), element: options.element || null };
+  held = { number, kind, settle, attended: Boolean(options.attended), element: options.element || null, timer: 0 };
   if (!send({ do: "hold", id: number, kind, args, stops })) {
     ended("there is no connection to the studio");
     return over;
@@ -338,10 +338,11 @@ document.addEventListener(
   },
   { capture: true },
 );
+const onStop = ({ target }) => target instanceof Element && target.closest("#hw-stop");
 document.addEventListener(
   "pointerdown",
   (event) => {
-    if (event.target.closest && event.target.closest("#hw-stop")) stop();
+    if (onStop(event)) stop();
   },
   { capture: true },
 );
@@ -349,7 +350,7 @@ document.addEventListener(
   "click",
   (event) => {
     // detail 0: by keyboard or by a screen reader; a pointer has stopped the arm already.
-    if (event.detail === 0 && event.target.closest && event.target.closest("#hw-stop")) stop();
+    if (event.detail === 0 && onStop(event)) stop();
   },
   { capture: true },
 );

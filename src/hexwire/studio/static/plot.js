@@ -41,6 +41,7 @@ export class Plot {
     this.hover = null;
     this.marks = [];
     this._panels = [];
+    this._key = null;
     this._drawn = -Infinity;
     this._cost = 0;
     this._build();

@@ -75,8 +75,8 @@ export class Legend {
     put(this._heads[3], `A${at(a)}`);
     put(this._heads[4], `B${at(b)}`);
     put(this._heads[5], a !== null && b !== null ? `B − A ${timeText(b - a)} s` : "B − A");
-    for (const [i, shown] of [[3, a !== null], [4, b !== null], [5, a !== null && b !== null]]) {
-      this.element.firstChild.classList.toggle(`without-${i + 1}`, !shown);
+    for (const [name, shown] of Object.entries({ 4: a !== null, 5: b !== null, 6: a !== null && b !== null })) {
+      this.element.firstElementChild.classList.toggle(`without-${name}`, !shown);
     }
     this._rows.forEach((row, i) => {
       const digits = plot.digits(i);

@@ -7,7 +7,7 @@ const here = (name) => new URL(name, import.meta.url).href;
 /** Load a style sheet; resolves when its rules apply, since colours are read from them. */
 function sheet(name) {
   const href = here(name);
-  const there = document.querySelector(`link[href="${href}"]`);
+  const there = /** @type {HTMLLinkElement} */ (document.querySelector(`link[href="${href}"]`));
   if (there?.sheet) return Promise.resolve();
   const link = there ?? document.createElement("link");
   const loaded = new Promise((done) => { link.addEventListener("load", done); link.addEventListener("error", done); });

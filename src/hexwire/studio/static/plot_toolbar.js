@@ -1,5 +1,6 @@
 // The row of buttons above a plot. Owns them; what they do is the plot's.
 
+/** @type {[number, string][]} */
 const WINDOWS = [[5, "5 s"], [10, "10 s"], [30, "30 s"], [60, "1 min"], [180, "3 min"], [600, "10 min"]];
 
 export function makeToolbar(plot) {
@@ -28,7 +29,7 @@ export function makeToolbar(plot) {
   if (live) {
     windows = document.createElement("select");
     windows.setAttribute("aria-label", "Time shown");
-    for (const [seconds, text] of WINDOWS) windows.append(new Option(text, seconds));
+    for (const [seconds, text] of WINDOWS) windows.append(new Option(text, String(seconds)));
     windows.append(new Option("other", "other"));
     windows.addEventListener("change", () => windows.value !== "other" && plot.setWindow(Number(windows.value)));
     element.append(windows);
@@ -36,10 +37,10 @@ export function makeToolbar(plot) {
   button("+", "Zoom in", () => plot.scale(0.7));
   button("−", "Zoom out", () => plot.scale(1 / 0.7));
   button("All", "Show everything", () => plot.showAll());
-  const cursors = ["a", "b"].map((name) => [name, button(name.toUpperCase(), `Cursor ${name.toUpperCase()}`, () => {
+  const cursors = new Map(["a", "b"].map((name) => [name, button(name.toUpperCase(), `Cursor ${name.toUpperCase()}`, () => {
     const [from, to] = plot.range;
     plot.cursor(name, plot.cursors[name] === null ? from + (name === "a" ? 0.35 : 0.65) * (to - from) : null);
-  })]);
+  })]));
   button("PNG", "Save as PNG", async () => {
     const link = document.createElement("a");
     link.href = URL.createObjectURL(await plot.png());
@@ -58,7 +59,7 @@ export function makeToolbar(plot) {
     if (windows) {
       const known = WINDOWS.some(([seconds]) => seconds === plot.window);
       windows.value = known ? String(plot.window) : "other";
-      windows.lastChild.hidden = known;
+      windows.options[windows.length - 1].hidden = known;
     }
     for (const [name, made] of cursors) made.setAttribute("aria-pressed", String(plot.cursors[name] !== null));
   };

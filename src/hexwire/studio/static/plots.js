@@ -158,7 +158,7 @@ export async function mount(element, args) {
   }
 
   async function exported(kind, button) {
-    const whole = document.getElementById("pl-all").checked;
+    const whole = /** @type {HTMLInputElement} */ (document.getElementById("pl-all")).checked;
     const [from, to] = state.plot.range;
     // Of a difference, the two values that it is of.
     const kept = ({ signal, joint }) => (signal.key === "error" ? ["goal", "position"] : [signal.key])

@@ -144,12 +144,12 @@ export async function mount(element, args) {
       const old = before.get(one.name);
       return [one.name, old?.key === key ? old : { key, made: row(one) }];
     }));
-    const focused = body.contains(document.activeElement) ? document.activeElement.dataset.key : null;
+    const focused = body.contains(document.activeElement) ? document.activeElement.getAttribute("data-key") : null;
     const wanted = [...state.rows.values()].map((one) => one.made);
     const there = new Set(wanted);
     for (const old of [...body.children]) if (!there.has(old)) old.remove();
     wanted.forEach((made, i) => { if (body.children[i] !== made) body.insertBefore(made, body.children[i] || null); });
-    if (focused && document.activeElement?.dataset?.key !== focused) body.querySelector(`[data-key="${CSS.escape(focused)}"]`)?.focus();
+    if (focused && document.activeElement?.getAttribute("data-key") !== focused) body.querySelector(`[data-key="${CSS.escape(focused)}"]`)?.focus();
   }
 
   function empty(text) {

@@ -28,7 +28,7 @@ async function show() {
   shown = path;
   const [title, file] = PAGES[path];
   document.title = `${title} – hexwire studio`;
-  for (const link of document.querySelectorAll(".hw-nav-link")) {
+  for (const link of /** @type {NodeListOf<HTMLAnchorElement>} */ (document.querySelectorAll(".hw-nav-link"))) {
     if (link.pathname === path) link.setAttribute("aria-current", "page");
     else link.removeAttribute("aria-current");
   }
@@ -55,7 +55,7 @@ export function go(path) {
 }
 
 document.addEventListener("click", (event) => {
-  const link = event.target.closest("a[href]");
+  const link = /** @type {HTMLAnchorElement | null} */ (/** @type {Element} */ (event.target).closest("a[href]"));
   const plain = event.button === 0 && !event.ctrlKey && !event.metaKey && !event.shiftKey;
   if (!link || !plain || link.origin !== location.origin || link.hash || link.download || !(link.pathname in PAGES)) return;
   event.preventDefault();
@@ -63,8 +63,8 @@ document.addEventListener("click", (event) => {
 });
 addEventListener("popstate", show);
 
-const sheet = document.getElementById("hw-status");
-document.addEventListener("pointerdown", ({ target }) => sheet.contains(target) || (sheet.open = false));
+const sheet = /** @type {HTMLDetailsElement} */ (document.getElementById("hw-status"));
+document.addEventListener("pointerdown", ({ target }) => sheet.contains(/** @type {Node} */ (target)) || (sheet.open = false));
 
 // -- the theme -------------------------------------------------------------------------------------------------
 
