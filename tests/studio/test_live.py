@@ -15,7 +15,7 @@ from websockets.exceptions import ConnectionClosed
 from hexwire.errors import UsageError
 from hexwire.studio.access import Right
 from hexwire.studio.calls import _calls
-from hexwire.studio.live import Live
+from hexwire.studio.live import Live, _Socket
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -106,6 +106,36 @@ def test_a_page_is_kept_while_its_computer_sleeps_for_a_moment(studio: RunningSt
     page.wait_for_function("hexwire.connected")
     assert page.get_by_label("Port or address").input_value() == "/dev/ttyUSB7"
     assert page.evaluate("window.same")
+
+
+class _Looked:
+    """A source without an arm, which counts how often somebody looks for one."""
+
+    present = None
+    looks = 0
+
+    @property
+    def arm(self) -> None:
+        self.looks += 1
+
+
+def test_nothing_is_prepared_without_pages_and_the_first_one_hears_at_once() -> None:
+    source = _Looked()
+    live = Live(SimpleNamespace(source=source, facts=dict))
+
+    async def watch() -> int:
+        pump = asyncio.create_task(live.pump())
+        await asyncio.sleep(0.2)
+        looks = source.looks
+        socket = _Socket(None, SimpleNamespace(grant=0, key=""), 30.0)  # type: ignore[arg-type]
+        live._sockets.add(socket)
+        live._opened.set()
+        async with asyncio.timeout(30.0):
+            await socket._wake.wait()
+        pump.cancel()
+        return looks
+
+    assert asyncio.run(watch()) < 3, "with a page there are 60 looks a second"
 
 
 def _answer(line: Any, order: dict[str, object]) -> dict[str, Any]:
