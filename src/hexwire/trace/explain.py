@@ -27,7 +27,7 @@ from .line_reader import LineReader
 from .reading import CEILING, COOKED, Field, Inner, Reading, packet_problem, to_hex, u16
 
 if TYPE_CHECKING:
-    from .reading import AccessRow, Order
+    from .reading import Access, Order
 
 __all__ = [
     "BODY",
@@ -524,10 +524,11 @@ class Explainer:
         name = reader.tables["instructions"].get(data[4])
         fields |= {"instruction": name.replace(" ", "_") if name else data[4], "checksum": "good"}
         access = reader.access(data)
-        if access is not None and access.series:
-            table = Series(access.series)
+        series = None if access is None else self._series(access, data)
+        if access is not None and series:
+            table = Series(series)
             if name in ("write", "reg write"):
-                items = reader.register_items(table.value, access.address, access.rows[0].data, None)
+                items = reader.register_items(series, access.address, data[6:-1], None)
                 fields["registers"] = list(_values(items, table, access.address))
             elif name in ("read", "sync read"):
                 register = table.at(access.address)
@@ -655,37 +656,38 @@ class Explainer:
         series = self._reader.series_of(data[2]) or ("seven_bot" if data[1] == 0xF5 else None)
         return [] if items is None or asked is None else list(_registers(items, series, asked[5]))
 
+    def _series(self, access: Access, data: bytes) -> str | None:
+        """The series whose registers a request names: that of its first servo."""
+        return self._reader.series_of((access.servos or data[2:3])[0])
+
     def _request(self, data: bytes, order: Order | None) -> list[Part]:
         access, inst = self._reader.access(data), data[4]
         if access is None:
             return []
-        parts = [_address(access.series, access.address)]
+        parts = [_address(self._series(access, data), access.address)]
         if inst in (t.INSTRUCTIONS["WRITE"], t.INSTRUCTIONS["REG_WRITE"]):
-            return parts + self._written(access.address, access.rows[0], None)
+            return parts + self._written(data[2], access.address, 1, data[6:-1], None)
         if access.size is None:
             return []
         several = inst == t.INSTRUCTIONS["SYNC_WRITE"]
         name = "width" if several else "count"
         parts.append(Part(name, 1, 2, f"{access.size} bytes", SERVO[name], access.size))
-        if inst == t.INSTRUCTIONS["SYNC_READ"]:
-            parts += map(_id, access.rows)
-        if several:
-            parts += (self._row(access.address, row, order) for row in access.rows)
+        for servo, start in zip(access.servos, access.starts, strict=True):
+            number = Part("id", start - 1, start, f"servo {servo}", SERVO["id"], servo)
+            if several:
+                values = data[5 + start : 5 + start + access.length]
+                parts.append(_row(number, self._written(servo, access.address, start, values, order), values))
+            elif inst == t.INSTRUCTIONS["SYNC_READ"]:
+                parts.append(number)
         return parts
 
-    def _row(self, address: int, row: AccessRow, order: Order | None) -> Part:
-        """What one servo gets of a sync write, with its id before it."""
-        start, end, written = row.start - 1, row.start + len(row.data), self._written(address, row, order)
-        told = ", ".join(f"{part.name} {part.words}" for part in written) or to_hex(row.data, _SAMPLE)
-        parts = filled([_id(row), *written], start, end, "params", SERVO["params"])
-        return Part("row", start, end, f"servo {row.servo}: {told}", SERVO["row"], parts=parts)
-
-    def _written(self, address: int, row: AccessRow, order: Order | None) -> list[Part]:
-        """The registers that one servo gets; none if its series is unknown."""
-        if not row.series:
+    def _written(self, servo: int, address: int, start: int, data: bytes, order: Order | None) -> list[Part]:
+        """The registers that one servo gets, from `start` in the parameters; none if its series is unknown."""
+        series = self._reader.series_of(servo)
+        if not series:
             return []
-        items = self._reader.register_items(row.series, address, row.data, order)
-        return [_moved(part, row.start) for part in _registers(items, row.series, address)]
+        items = self._reader.register_items(series, address, data, order)
+        return [_moved(part, start) for part in _registers(items, series, address)]
 
 
 def _session_layer(raw: bytes) -> Layer:
@@ -918,9 +920,12 @@ def _number(command: str, item: Field) -> Part:
     return Part(item.name, item.start, item.end, words, meaning.text, value)
 
 
-def _id(row: AccessRow) -> Part:
-    """The id before the bytes of a row."""
-    return Part("id", row.start - 1, row.start, f"servo {row.servo}", SERVO["id"], row.servo)
+def _row(number: Part, written: list[Part], data: bytes) -> Part:
+    """What one servo gets of a sync write, with its id before it."""
+    start, end = number.start, number.end + len(data)
+    told = ", ".join(f"{part.name} {part.words}" for part in written) or to_hex(data, _SAMPLE)
+    parts = filled([number, *written], start, end, "params", SERVO["params"])
+    return Part("row", start, end, f"{number.words}: {told}", SERVO["row"], parts=parts)
 
 
 def _address(series: str | None, address: int) -> Part:

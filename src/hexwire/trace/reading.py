@@ -52,6 +52,7 @@ MARKER = " ! 0D 0A inside, a board of the chapter cuts the frame there"
 MISFIT = " ! the body does not fit the command"
 ICRNL = " ! tail 0A 0A, the port was left with ICRNL"
 _FROM_BOARD = ("from_board", "through")
+_READ_AT, _WRITTEN_AT = range(2, 3), range(1, 2)
 # In a run of FF, only the last two can be a header: no servo has the id 255.
 HEADER = re.compile(rb"\xff(?:\xff(?!\xff)|\xf5)")
 
@@ -122,37 +123,23 @@ class Inner(NamedTuple):
     order: Order | None
 
 
-class AccessRow(NamedTuple):
-    """What one servo is asked for, or gets.
-
-    Attributes:
-        servo: Its id.
-        series: Name of its series; None if unknown.
-        start: Offset of its bytes in the parameters; its id, where the packet is for several, is before them.
-        data: Its bytes; empty if it is asked.
-    """
-
-    servo: int
-    series: str | None
-    start: int
-    data: bytes
-
-
 class Access(NamedTuple):
     """What a request on the servo bus reads or writes.
 
     Attributes:
         address: The first register.
         size: Bytes for each servo, if the packet says it.
-        rows: One for each servo.
-        series: Of the first servo; None if unknown.
+        servos: Their ids.
+        starts: Offset in the parameters of what each gets; in a request to several, its id is right before that.
+        length: Bytes that each gets; 0 if it is asked.
         fits: It has as many parameters as its instruction takes.
     """
 
     address: int
     size: int | None
-    rows: list[AccessRow]
-    series: str | None
+    servos: bytes
+    starts: range
+    length: int
     fits: bool
 
 
@@ -502,44 +489,47 @@ class Reader:
         if access is None or not access.fits:
             return f"{name} {who}" + (f": {to_hex(params)}" if params else ""), False
         if inst in (READ, SYNC_READ):
-            asked = who if inst == READ else " ".join(str(row.servo) for row in access.rows)
-            return f"{name} {asked}: {self._register(access.series, access.address)}, {access.size} bytes", False
-        hazard = any(has_ceiling_hazard(row.series, access.address, row.data) for row in access.rows)
+            asked = who if inst == READ else " ".join(map(str, access.servos))
+            register = self._register(self.series_of(access.servos[0]), access.address)
+            return f"{name} {asked}: {register}, {access.size} bytes", False
         if inst != SYNC_WRITE:
-            return f"{name} {who}: {self._placed(access.address, access.rows[0], None)}", hazard
-        rows = (f"{row.servo} {self._placed(access.address, row, order)}" for row in access.rows)
+            series, values = self.series_of(servo), params[1:]
+            hazard = has_ceiling_hazard(series, access.address, values)
+            return f"{name} {who}: {self._placed(series, access.address, values, None)}", hazard
+        hazard, rows = False, []
+        for start in access.starts:
+            servo, values = params[start - 1], params[start : start + access.length]
+            series = self.series_of(servo)
+            hazard = hazard or has_ceiling_hazard(series, access.address, values)
+            rows.append(f"{servo} {self._placed(series, access.address, values, order)}")
         return f"{name}: " + "; ".join(rows), hazard
 
     def access(self, data: bytes) -> Access | None:
         """What a request reads or writes; None if it does neither, or not as its instruction wants."""
         inst, params = data[4], data[5:-1]
-        if not params or inst not in (READ, WRITE, REG_WRITE, SYNC_READ, SYNC_WRITE):
+        count = len(params)
+        if not count:
             return None
-        address, size = params[0], params[1] if len(params) > 1 else None
-        if inst in (WRITE, REG_WRITE):
-            row = self._access_row(data[2], 1, params[1:])
-            return Access(address, None, [row], row.series, len(params) > 1)
+        size = params[1] if count > 1 else None
         if inst == READ:
-            row = self._access_row(data[2], 2, b"")
-            return Access(address, size, [row], row.series, len(params) == 2)
-        step = 1 if inst == SYNC_READ else 1 + (size or 0)
-        if inst == SYNC_WRITE and (len(params) < 3 or (len(params) - 2) % step):
+            return Access(params[0], size, data[2:3], _READ_AT, 0, count == 2)
+        if inst in (WRITE, REG_WRITE):
+            return Access(params[0], None, data[2:3], _WRITTEN_AT, count - 1, count > 1)
+        if inst == SYNC_READ:
+            return Access(params[0], size, params[2:], range(3, count + 1), 0, count > 2)
+        step = 1 + (size or 0)
+        if inst != SYNC_WRITE or count < 3 or (count - 2) % step:
             return None
-        rows = [self._access_row(params[i], i + 1, params[i + 1 : i + step]) for i in range(2, len(params), step)]
-        return Access(address, size, rows, rows[0].series if rows else self.series_of(data[2]), bool(rows))
-
-    def _access_row(self, servo: int, start: int, data: bytes) -> AccessRow:
-        return AccessRow(servo, self.series_of(servo), start, data)
+        return Access(params[0], size, params[2::step], range(3, count + 1, step), step - 1, True)
 
     def _register(self, series: str | None, address: int) -> str:
         row = self.tables["series"][series]["registers"].get(address) if series else None
         return row[0] if row else f"0x{address:02X}"
 
-    def _placed(self, address: int, row: AccessRow, order: Order | None) -> str:
-        """What is written to one servo."""
-        if not row.series:
-            return f"0x{address:02X} {to_hex(row.data)}"
-        return _listed(self.register_items(row.series, address, row.data, order))
+    def _placed(self, series: str | None, address: int, data: bytes, order: Order | None) -> str:
+        if not series:
+            return f"0x{address:02X} {to_hex(data)}"
+        return _listed(self.register_items(series, address, data, order))
 
     def register_items(self, series: str, address: int, data: bytes, order: Order | None) -> list[Field]:
         """The registers of a series in bytes from an address.

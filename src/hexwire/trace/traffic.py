@@ -292,7 +292,7 @@ def _servos(reading: Reading, reader: Reader) -> tuple[int, ...]:
 
 def _packet_servos(packet: bytes, answer: bool, reader: Reader) -> tuple[int, ...]:
     access = None if answer or packet[1] == 0xF5 else reader.access(packet)
-    return tuple(row.servo for row in access.rows) if access is not None and access.rows else (packet[2],)
+    return tuple(access.servos) if access is not None and access.servos else (packet[2],)
 
 
 _READER = LineReader().reader
