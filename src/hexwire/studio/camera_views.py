@@ -113,9 +113,9 @@ class CameraViews:
             await self._refuse(websocket, error)
             return
         # Before it is accepted: whoever is accepted counts, and looks.
-        self._viewers[right] += 1
         slot = _Slot(asyncio.get_running_loop())
         end = camera.look(slot.put)
+        self._viewers[right] += 1
         tasks: list[asyncio.Task[None]] = []
         try:
             await websocket.accept()

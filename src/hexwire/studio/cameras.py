@@ -126,14 +126,16 @@ class Camera:
     def look(self, call: OnPicture) -> Callable[[], None]:
         """Begin to look; returns what ends it."""
         with self._lock:
-            self._lookers = (*self._lookers, call)
             self._gone.clear()
             if self._thread is None:
                 self._why = ""
-                self._thread = threading.Thread(target=self._run, name=f"camera {self.name}", daemon=True)
-                self._thread.start()
+                thread = threading.Thread(target=self._run, name=f"camera {self.name}", daemon=True)
+                # A system that has no thread left refuses: then nobody looks, and the next one may.
+                thread.start()
+                self._thread = thread
             elif self._why:
                 call(None, self._why)
+            self._lookers = (*self._lookers, call)
 
         def end() -> None:
             with self._lock:
