@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 from hexwire.arm.recorded import write_taught
 from hexwire.control.requests.motion_service import NOTHING_TAUGHT, read_motion
 from hexwire.control.requests.preview import check_factor
-from hexwire.errors import UsageError
+from hexwire.errors import LeaseError, UsageError
 from hexwire.motion.teach import Edits
 
-from .access import Right
+from .access import WATCHING_ONLY, Right
 from .calls import Arguments, Asked, call
 from .geometry import make_geometry, make_turns
 
@@ -74,9 +74,8 @@ def _values(asked: Asked, args: Arguments) -> dict[str, object]:
 
 @call("arm.preview", _Motion, computes=True)
 def _preview(asked: Asked, args: _Motion) -> dict[str, object]:
-    arm = asked.arm
-    motion, taught = asked.studio.recordings.asked(args.motion, arm.settings.model.names)
-    return plan_values(arm.motions.preview(motion, taught=taught), arm)
+    motion, taught = _motion_of(asked, args.motion)
+    return plan_values(asked.arm.motions.preview(motion, taught=taught), asked.arm)
 
 
 @call("arm.poses", Arguments)
@@ -112,7 +111,7 @@ def _taught(asked: Asked, args: Arguments) -> dict[str, object]:
     return taught_values(asked.arm)
 
 
-@call("arm.recordings", Arguments)
+@call("arm.recordings", Arguments, right=Right.OPERATE)
 def _recordings(asked: Asked, args: Arguments) -> list[str]:
     return asked.studio.recordings.library.names(".mcap")
 
@@ -142,13 +141,19 @@ def _save_taught(asked: Asked, args: _SavedMotion) -> list[str]:
 
 def _played(asked: Asked, motion: dict[str, Any]) -> tuple[Taught, MotionRequest]:
     """The taught motion, or the recording, that a page asks for, and how it is played."""
-    arm = asked.arm
-    args, taught = asked.studio.recordings.asked(motion, arm.settings.model.names)
+    args, taught = _motion_of(asked, motion)
     request = read_motion({**args, "what": "play"})
-    taught = taught or arm.motions.taught
+    taught = taught or asked.arm.motions.taught
     if taught is None:
         raise UsageError(NOTHING_TAUGHT)
     return taught, request
+
+
+def _motion_of(asked: Asked, motion: dict[str, Any]) -> tuple[dict[str, object], Taught | None]:
+    """As `Recordings.asked`, for those who may play it: what is to move waits for nobody who only watches."""
+    if motion.get("recording") and asked.tab.right < Right.OPERATE:
+        raise LeaseError(WATCHING_ONLY)
+    return asked.studio.recordings.asked(motion, asked.arm.settings.model.names)
 
 
 def arm_values(arm: ArmSource) -> dict[str, object]:

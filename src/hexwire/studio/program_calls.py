@@ -76,7 +76,7 @@ def _remove(asked: Asked, args: _Named) -> list[str]:
     return _names(asked)
 
 
-@call("arm.check_program", _Steps)
+@call("arm.check_program", _Steps, right=Right.OPERATE)
 def _check(asked: Asked, args: _Steps) -> list[dict[str, Any]]:
     arm, recordings = asked.arm, asked.studio.recordings
     taught: dict[str, Taught] = {}

@@ -18,7 +18,7 @@ from tests.studio.running import until
 from hexwire.arm.recorded import read_taught, write_taught
 from hexwire.control.requests.pose_file import PoseFile, home_pose
 from hexwire.control.requests.program import read_program
-from hexwire.errors import HexwireError, UsageError
+from hexwire.errors import HexwireError, LeaseError, UsageError
 from hexwire.motion.teach import Taught
 from hexwire.studio.access import Access, Right
 from hexwire.studio.app import Studio
@@ -161,9 +161,18 @@ def test_a_timeline_is_smoothed_cut_and_kept_as_a_new_recording(desk: Desk, tmp_
     for name in ("../x", "", "a/b", "x" * 200, "a\0b"):
         assert "cannot be the name" in desk.ask("save_taught", name=name, motion=part)["error"], name
     assert desk.ask("recordings") == ["part.mcap", "wave.mcap"]
+    # Who only watches has none read, which a motion of somebody else would wait for.
     watcher = desk.studio.tabs.open("w", Right.WATCH)
-    with pytest.raises(HexwireError):
-        asyncio.run(desk.studio.call(watcher, "arm.save_taught", {"name": "a", "motion": part}))
+    steps = [{"play": "wave.mcap"}]
+    for call, given in (
+        ("save_taught", {"name": "a", "motion": part}),
+        ("timeline", {"motion": part}),
+        ("preview", {"motion": {"what": "play", **part}}),
+        ("recordings", {}),
+        ("check_program", {"steps": steps}),
+    ):
+        with pytest.raises(LeaseError, match="watching only"):
+            asyncio.run(desk.studio.call(watcher, f"arm.{call}", given))
 
 
 def test_a_page_that_asks_for_too_many_previews_keeps_nobody_waiting(

@@ -287,7 +287,7 @@ export function mountProgram(page, root) {
   name.value = draft.name;
   ask("programs").then(listed);
   draw();
-  Promise.all([ask("recordings"), ask("poses")]).then(([files, saved]) => {
+  Promise.all([hexwire.operates ? ask("recordings") : [], ask("poses")]).then(([files, saved]) => {
     recordings = files ?? [];
     poses = (saved ?? []).map((one) => one.name);
     draw();

@@ -219,7 +219,7 @@ export function mountTimeline(page, root) {
   async function refresh() {
     const told = await page.call("recordings");
     // A list that changes while it is open would close.
-    if (!told.error && String(told) !== String(names)) list(told);
+    if (root.isConnected && !told.error && String(told) !== String(names)) list(told);
   }
 
   async function preview() {
@@ -353,7 +353,8 @@ export function mountTimeline(page, root) {
   const themed = new MutationObserver(again);
   themed.observe(document.documentElement, { attributes: true, attributeFilter: ["data-theme"] });
   dark.addEventListener("change", again);
-  page.call("recordings").then((told) => root.isConnected && !told.error && list(told));
+  if (hexwire.operates) refresh();
+  else save.hidden = true;
   page.on("need", need);
   need();
   page.tellTaught();
