@@ -15,7 +15,7 @@ from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.eased import ease_out
 from hexwire.motion.moving import joint_limits
 from hexwire.motion.set_point_generator import Mode, SetPointGenerator
-from hexwire.motion.slowed import Slowed, Stage, slow_down
+from hexwire.motion.slowed import Slowed, SpeedStage, slow_down
 from hexwire.motion.speed_profile import JointLimits
 from hexwire.motion.trajectory import Sample, Trajectory
 
@@ -51,7 +51,7 @@ def off(position: tuple[float, ...], radius: float) -> float:
 
 def test_it_begins_as_the_trajectory_and_ends_at_rest_half_its_time_later() -> None:
     path = Circle(0.3, 2.0, 60.0)
-    found = Slowed(path, (Stage(2.0, 1.0, 0.0),))
+    found = Slowed(path, (SpeedStage(2.0, 1.0, 0.0),))
     for a, b in zip(found.at(0.0), path.at(0.0), strict=True):
         assert a == pytest.approx(b)
     assert found.at(2.0).position == pytest.approx(path.at(1.0).position)

@@ -7,7 +7,7 @@ import queue
 import time
 
 from hexwire.errors import HexwireError
-from hexwire.studio.cameras import Camera, Picture
+from hexwire.studio.cameras import Camera, CameraPicture
 
 __all__ = ["JPEG", "FakeCamera"]
 
@@ -39,7 +39,7 @@ class FakeCamera:
         self.opened, self.is_open, self.missing = 0, False, ""
         self.camera = Camera(f"/dev/{name}", self._open, silent=silent, again=0.05)
         self._streams = streams
-        self._waiting: queue.SimpleQueue[Picture | HexwireError] = queue.SimpleQueue()
+        self._waiting: queue.SimpleQueue[CameraPicture | HexwireError] = queue.SimpleQueue()
 
     def _open(self, device: str) -> FakeCamera:
         if self.missing:
@@ -50,19 +50,19 @@ class FakeCamera:
 
     def put(self, jpeg: bytes = JPEG, stamp: float | None = None) -> None:
         """Let a picture come."""
-        self._waiting.put(Picture(jpeg, time.monotonic() if stamp is None else stamp))
+        self._waiting.put(CameraPicture(jpeg, time.monotonic() if stamp is None else stamp))
 
     def unplug(self) -> None:
         """Pull it out."""
         self.missing = "no camera is connected at /dev/video0"
         self._waiting.put(HexwireError("the camera /dev/video0 was unplugged"))
 
-    def read(self, timeout: float) -> Picture | None:
+    def read(self, timeout: float) -> CameraPicture | None:
         """What was put in."""
         try:
             found = self._waiting.get(timeout=0.01)
         except queue.Empty:
-            return Picture(JPEG, time.monotonic()) if self._streams else None
+            return CameraPicture(JPEG, time.monotonic()) if self._streams else None
         if isinstance(found, HexwireError):
             raise found
         return found

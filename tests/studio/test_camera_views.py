@@ -14,7 +14,7 @@ from tests.studio.running import PATIENCE, RunningStudio, Visitor, until
 from websockets.exceptions import InvalidStatus
 
 from hexwire.studio.camera_views import _Slot
-from hexwire.studio.cameras import Picture
+from hexwire.studio.cameras import CameraPicture
 
 
 @pytest.fixture
@@ -116,7 +116,7 @@ async def _slow(slot: _Slot) -> list[Any]:
 
     reader = asyncio.create_task(read())
     for stamp in range(6):
-        slot.put(Picture(JPEG, float(stamp)), "")
+        slot.put(CameraPicture(JPEG, float(stamp)), "")
         await asyncio.sleep(0)
         await asyncio.sleep(0)
     assert [picture.stamp for picture in taken] == [0.0, 1.0]
@@ -137,7 +137,7 @@ def test_a_slow_page_gets_the_newest_picture_and_while_the_loop_hangs_nothing_is
         slot = _Slot(asyncio.get_running_loop())
         # The loop does not look meanwhile.
         for stamp in range(1000):
-            slot.put(Picture(JPEG, float(stamp)), "")
+            slot.put(CameraPicture(JPEG, float(stamp)), "")
         return await _slow(slot)
 
     taken = asyncio.run(run())

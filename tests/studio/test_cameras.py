@@ -9,7 +9,7 @@ from tests.studio.fake_camera import JPEG, FakeCamera
 from tests.waits import eventually
 
 from hexwire.errors import UsageError
-from hexwire.studio.cameras import LARGEST, Camera, Cameras, Picture, is_whole
+from hexwire.studio.cameras import LARGEST, Camera, CameraPicture, Cameras, is_whole
 
 
 @pytest.fixture
@@ -24,10 +24,10 @@ class Looker:
     """Keeps what it is shown."""
 
     def __init__(self) -> None:
-        self.pictures: list[Picture] = []
+        self.pictures: list[CameraPicture] = []
         self.words: list[str] = []
 
-    def __call__(self, picture: Picture | None, why: str) -> None:
+    def __call__(self, picture: CameraPicture | None, why: str) -> None:
         if picture is None:
             self.words.append(why)
         else:
@@ -92,7 +92,7 @@ def test_one_that_is_unplugged_or_stalls_is_told_in_words_and_opened_again(fake:
 def test_one_that_sends_too_many_is_thinned_out_and_whoever_fails_harms_nobody(
     fake: FakeCamera, caplog: pytest.LogCaptureFixture
 ) -> None:
-    def fails(picture: Picture | None, why: str) -> None:
+    def fails(picture: CameraPicture | None, why: str) -> None:
         raise ZeroDivisionError
 
     looker = Looker()

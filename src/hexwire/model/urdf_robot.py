@@ -113,7 +113,7 @@ def parse_urdf(text: str, file: str = "") -> UrdfRobot:
     except ElementTree.ParseError as error:
         line, column = error.position
         raise ConfigError("is no XML", file=file, line=line, column=column + 1) from None
-    reader = _Reader(file)
+    reader = _UrdfReader(file)
     if root.tag != "robot":
         raise reader.fault("has no <robot>; a xacro file must be expanded first")
     materials = {name: colour for each in root.findall("material") for name, colour in reader.material(each)}
@@ -126,7 +126,7 @@ def parse_urdf(text: str, file: str = "") -> UrdfRobot:
     return UrdfRobot(root.get("name", "")[:_LONGEST], tuple(reader.tree(links, joints)), tuple(joints))
 
 
-class _Reader:
+class _UrdfReader:
     def __init__(self, file: str) -> None:
         self._file = file
 

@@ -14,7 +14,7 @@ import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
-from .slowed import Slowed, Stage
+from .slowed import Slowed, SpeedStage
 from .speed_profile import JointLimits
 from .trajectory import Sample, Trajectory
 
@@ -98,7 +98,7 @@ class _Places:
         return self._samples[k]
 
 
-def _falls(places: _Places, place: float, stage: Stage) -> bool:
+def _falls(places: _Places, place: float, stage: SpeedStage) -> bool:
     """Whether the limits are kept in a stage that begins at a place."""
     count = math.ceil(stage.seconds / _STEP)
     coarse = range(0, count + 1, _COARSE)
@@ -109,13 +109,13 @@ def _falls(places: _Places, place: float, stage: Stage) -> bool:
     return True
 
 
-def _next_stages(places: _Places, place: float, rate: int, end: float) -> Iterator[tuple[int, Stage]]:
+def _next_stages(places: _Places, place: float, rate: int, end: float) -> Iterator[tuple[int, SpeedStage]]:
     """The stages that may follow at a place, each with the number of the rate at its end."""
     begin = _RATES[rate]
-    yield rate, Stage(min(_STAYS, (end - place) / begin), begin, begin)
+    yield rate, SpeedStage(min(_STAYS, (end - place) / begin), begin, begin)
     for lower in range(rate + 1, len(_RATES)):
         for seconds in _SECONDS:
-            stage = Stage(seconds, begin, _RATES[lower])
+            stage = SpeedStage(seconds, begin, _RATES[lower])
             if place + stage.way <= end and _falls(places, place, stage):
                 yield lower, stage
                 break
@@ -139,7 +139,7 @@ def ease_out(path: Trajectory, limits: Sequence[JointLimits], longest: float = L
     last = path.at(max(0.0, path.duration - _MOMENT)).velocity
     rests = all(abs(v) <= 2.0 * _MOMENT * limit.acceleration for v, limit in zip(last, limits, strict=True))
     seen, made = set[tuple[int, int]](), 0
-    heap: list[tuple[float, int, float, int, tuple[Stage, ...]]] = [(0.0, 0, 0.0, 0, ())]
+    heap: list[tuple[float, int, float, int, tuple[SpeedStage, ...]]] = [(0.0, 0, 0.0, 0, ())]
     while heap:
         seconds, _, place, rate, stages = heapq.heappop(heap)
         ends = path.duration - place <= _STILL

@@ -15,7 +15,7 @@ from .moving import braking_time
 from .speed_profile import JointLimits
 from .trajectory import Sample, Tail, Trajectory
 
-__all__ = ["Slowed", "Stage", "slow_down", "start_on"]
+__all__ = ["Slowed", "SpeedStage", "slow_down", "start_on"]
 
 _FACTORS = (1.25, 1.6, 2.0, 2.5, 3.2, 5.0)
 """How much longer than a brake that may leave the trajectory it may take."""
@@ -27,7 +27,7 @@ _KEPT = 0.95
 """Share of a limit that counts as kept: samples miss the peaks at both ends."""
 
 
-class Stage(NamedTuple):
+class SpeedStage(NamedTuple):
     """A part of a time whose rate changes smoothly.
 
     Attributes:
@@ -65,7 +65,7 @@ class Slowed(Trajectory):
         stages: At least one; each begins with the rate with which the one before ends, the first with 1.
     """
 
-    def __init__(self, path: Trajectory, stages: Sequence[Stage]) -> None:
+    def __init__(self, path: Trajectory, stages: Sequence[SpeedStage]) -> None:
         self.names, self._path, self._stages = path.names, path, tuple(stages)
         self._begins = (0.0, *accumulate(stage.seconds for stage in stages))
         self._places = (0.0, *accumulate(stage.way for stage in stages))
@@ -88,7 +88,7 @@ class _Started(Trajectory):
     """
 
     def __init__(self, path: Trajectory, seconds: float) -> None:
-        self.names, self.path, self._stage = path.names, path, Stage(seconds, 0.0, 1.0)
+        self.names, self.path, self._stage = path.names, path, SpeedStage(seconds, 0.0, 1.0)
         self.duration = max(seconds, path.duration + 0.5 * seconds)
 
     def at(self, t: float) -> Sample:
@@ -119,7 +119,7 @@ def slow_down(path: Trajectory, limits: Sequence[JointLimits]) -> Slowed:
         path: What they follow, from now on.
         limits: Of the joints: five times as long as they would need for a brake that may leave the trajectory.
     """
-    return Slowed(path, (Stage(_FACTORS[-1] * _least(path, limits), 1.0, 0.0),))
+    return Slowed(path, (SpeedStage(_FACTORS[-1] * _least(path, limits), 1.0, 0.0),))
 
 
 def start_on(path: Trajectory, limits: Sequence[JointLimits]) -> Trajectory:

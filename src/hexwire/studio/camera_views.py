@@ -25,7 +25,7 @@ from .guard import SESSION
 from .live import end_tasks
 
 if TYPE_CHECKING:
-    from .cameras import Cameras, Picture
+    from .cameras import CameraPicture, Cameras
     from .tabs import Tabs
 
 __all__ = ["CameraViews"]
@@ -56,10 +56,10 @@ class _Slot:
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self._loop, self._due, self._ahead = loop, False, 0
-        self._newest: Picture | str | None = None
+        self._newest: CameraPicture | str | None = None
         self._wake = asyncio.Event()
 
-    def put(self, picture: Picture | None, why: str) -> None:
+    def put(self, picture: CameraPicture | None, why: str) -> None:
         """Keep what is newest. Any thread may call it."""
         self._newest = why if picture is None else picture
         # Once until the loop has looked: while it hangs, nothing is queued.
@@ -77,7 +77,7 @@ class _Slot:
         self._ahead = max(0, self._ahead - 1)
         self._wake.set()
 
-    async def take(self) -> Picture | str:
+    async def take(self) -> CameraPicture | str:
         """What is newest, once it is there and the page has shown what it has."""
         while True:
             await self._wake.wait()

@@ -25,9 +25,9 @@ __all__ = [
     "RATE",
     "WIDTH",
     "Camera",
+    "CameraPicture",
     "Cameras",
     "OnPicture",
-    "Picture",
     "Pushed",
     "Source",
     "is_whole",
@@ -54,7 +54,7 @@ _PATIENCE = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class CameraPicture:
     """One picture.
 
     Attributes:
@@ -69,7 +69,7 @@ class Picture:
 class Source(Protocol):
     """An open camera. One thread uses it."""
 
-    def read(self, timeout: float) -> Picture | None:
+    def read(self, timeout: float) -> CameraPicture | None:
         """The next picture as it comes, perhaps damaged; None if there is none within so many seconds.
 
         Raises:
@@ -80,7 +80,7 @@ class Source(Protocol):
         """Close it; never raises."""
 
 
-OnPicture = Callable[[Picture | None, str], object]
+OnPicture = Callable[[CameraPicture | None, str], object]
 """Called in the thread of a camera with a picture, or with None and why there is none; it never waits."""
 
 
@@ -201,7 +201,7 @@ class Camera:
             self._why = why
             self._pass(None, why)
 
-    def _pass(self, picture: Picture | None, why: str) -> None:
+    def _pass(self, picture: CameraPicture | None, why: str) -> None:
         for call in self._lookers:
             try:
                 call(picture, why)
@@ -218,7 +218,7 @@ class Pushed:
 
     def __init__(self, wanted: Callable[[bool], object]) -> None:
         self._wanted, self._come = wanted, threading.Event()
-        self._newest: Picture | None = None
+        self._newest: CameraPicture | None = None
 
     def open(self, device: str) -> Pushed:
         """Begin to take pictures."""
@@ -227,10 +227,10 @@ class Pushed:
 
     def put(self, jpeg: bytes) -> None:
         """Let a picture come; it takes the place of one that nobody has read. Any thread may call it."""
-        self._newest = Picture(jpeg, time.monotonic())
+        self._newest = CameraPicture(jpeg, time.monotonic())
         self._come.set()
 
-    def read(self, timeout: float) -> Picture | None:
+    def read(self, timeout: float) -> CameraPicture | None:
         """As `Source.read`."""
         self._come.wait(timeout)
         self._come.clear()

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from hexwire.model.shapes import ArmShapes
     from hexwire.model.state import JointState
 
-    from .cameras import Camera, Cameras, Picture
+    from .cameras import Camera, CameraPicture, Cameras
 
 __all__ = ["SUBPROTOCOL", "Foxglove", "Viewer"]
 
@@ -299,7 +299,7 @@ class _Seen:
     def __init__(self, camera: Camera, number: int, wall: Callable[[], float], come: Callable[[], object]) -> None:
         self._camera, self._wall, self._come = camera, wall, come
         self.channel = _Channel(number, picture_topic(camera.name), _PICTURES, _NEWEST)
-        self._newest: Picture | None = None
+        self._newest: CameraPicture | None = None
         self._end: Callable[[], None] | None = None
 
     def look(self, wanted: bool) -> None:
@@ -310,7 +310,7 @@ class _Seen:
             self._end()
             self._end = self._newest = None
 
-    def _see(self, picture: Picture | None, why: str) -> None:
+    def _see(self, picture: CameraPicture | None, why: str) -> None:
         # Why there is none is in the log, which viewers have, too.
         self._newest = picture
         self._come()

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from hexwire.errors import HexwireError, UsageError
 from hexwire.trace.recording import RecordingWriter
 
-from .cameras import Picture
+from .cameras import CameraPicture
 
 if TYPE_CHECKING:
     from hexwire.model.state import JointState
@@ -166,7 +166,7 @@ class _Present:
         self._writer, self._robot, self._bound = writer, robot, bound
         wall = time.time()
         self._offset, self._picture_offset = wall - arm.arm.owner.now(), wall - time.monotonic()
-        self._queue: queue.SimpleQueue[tuple[JointState, dict[str, float]] | tuple[str, Picture] | None]
+        self._queue: queue.SimpleQueue[tuple[JointState, dict[str, float]] | tuple[str, CameraPicture] | None]
         self._queue = queue.SimpleQueue()
         self._room = threading.Semaphore(_PICTURES)
         self._thread = threading.Thread(target=self._run, name="recording", daemon=True)
@@ -186,7 +186,7 @@ class _Present:
             self._queue.put((state, dict(goals)))
 
     def _looker(self, camera: str) -> OnPicture:
-        def see(picture: Picture | None, why: str) -> None:
+        def see(picture: CameraPicture | None, why: str) -> None:
             # In the thread of the camera.
             if picture is None:
                 return
@@ -227,9 +227,9 @@ class _Present:
         except (OSError, HexwireError) as error:
             self.ended = f"{self.name} is incomplete: {error}"
 
-    def _write(self, what: JointState | str, rest: dict[str, float] | Picture) -> None:
+    def _write(self, what: JointState | str, rest: dict[str, float] | CameraPicture) -> None:
         if isinstance(what, str):
-            assert isinstance(rest, Picture)
+            assert isinstance(rest, CameraPicture)
             self._room.release()
             self._writer.picture(rest.jpeg, what, rest.stamp + self._picture_offset)
             self.pictures += 1

@@ -17,7 +17,7 @@ from typing import Any
 from hexwire.errors import HexwireError, UsageError
 from hexwire.extras import extras_named
 
-from .cameras import HEIGHT, LARGEST, RATE, WIDTH, Camera, Cameras, Picture
+from .cameras import HEIGHT, LARGEST, RATE, WIDTH, Camera, CameraPicture, Cameras
 
 __all__ = ["ALL", "V4l2Source", "find_cameras"]
 
@@ -153,7 +153,7 @@ class V4l2Source:
             if error.errno not in (errno.EINVAL, errno.ENOTTY):
                 raise
 
-    def read(self, timeout: float) -> Picture | None:
+    def read(self, timeout: float) -> CameraPicture | None:
         """As `cameras.Source.read`."""
         try:
             if not self._selector.select(timeout):
@@ -168,7 +168,7 @@ class V4l2Source:
         by_this_clock = frame.flags & self._library.BufferFlag.TIMESTAMP_MONOTONIC
         stamp = frame.timestamp if by_this_clock and 0 <= now - frame.timestamp < _CLOCKS else now
         # What the driver itself calls damaged, or is longer than anybody wants, is none.
-        return Picture(b"" if damaged or len(frame) > LARGEST else frame.data, stamp)
+        return CameraPicture(b"" if damaged or len(frame) > LARGEST else frame.data, stamp)
 
     def close(self) -> None:
         """As `cameras.Source.close`."""

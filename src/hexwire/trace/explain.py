@@ -27,7 +27,7 @@ from .line_reader import LineReader
 from .reading import CEILING, COOKED, Field, Inner, Reading, packet_problem, to_hex, u16
 
 if TYPE_CHECKING:
-    from .reading import Access, Order
+    from .reading import Order, RegisterAccess
 
 __all__ = [
     "BODY",
@@ -656,7 +656,7 @@ class Explainer:
         series = self._reader.series_of(data[2]) or ("seven_bot" if data[1] == 0xF5 else None)
         return [] if items is None or asked is None else list(_registers(items, series, asked[5]))
 
-    def _series(self, access: Access, data: bytes) -> str | None:
+    def _series(self, access: RegisterAccess, data: bytes) -> str | None:
         """The series whose registers a request names: that of its first servo."""
         return self._reader.series_of((access.servos or data[2:3])[0])
 

@@ -25,11 +25,11 @@ __all__ = [
     "COOKED",
     "HEAD_SIZE",
     "TAIL",
-    "Access",
     "Field",
     "Inner",
     "Reader",
     "Reading",
+    "RegisterAccess",
     "has_ceiling_hazard",
     "packet_problem",
     "to_hex",
@@ -123,7 +123,7 @@ class Inner(NamedTuple):
     order: Order | None
 
 
-class Access(NamedTuple):
+class RegisterAccess(NamedTuple):
     """What a request on the servo bus reads or writes.
 
     Attributes:
@@ -504,7 +504,7 @@ class Reader:
             rows.append(f"{servo} {self._placed(series, access.address, values, order)}")
         return f"{name}: " + "; ".join(rows), hazard
 
-    def access(self, data: bytes) -> Access | None:
+    def access(self, data: bytes) -> RegisterAccess | None:
         """What a request reads or writes; None if it does neither, or not as its instruction wants."""
         inst, params = data[4], data[5:-1]
         count = len(params)
@@ -512,15 +512,15 @@ class Reader:
             return None
         size = params[1] if count > 1 else None
         if inst == READ:
-            return Access(params[0], size, data[2:3], _READ_AT, 0, count == 2)
+            return RegisterAccess(params[0], size, data[2:3], _READ_AT, 0, count == 2)
         if inst in (WRITE, REG_WRITE):
-            return Access(params[0], None, data[2:3], _WRITTEN_AT, count - 1, count > 1)
+            return RegisterAccess(params[0], None, data[2:3], _WRITTEN_AT, count - 1, count > 1)
         if inst == SYNC_READ:
-            return Access(params[0], size, params[2:], range(3, count + 1), 0, count > 2)
+            return RegisterAccess(params[0], size, params[2:], range(3, count + 1), 0, count > 2)
         step = 1 + (size or 0)
         if inst != SYNC_WRITE or count < 3 or (count - 2) % step:
             return None
-        return Access(params[0], size, params[2::step], range(3, count + 1, step), step - 1, True)
+        return RegisterAccess(params[0], size, params[2::step], range(3, count + 1, step), step - 1, True)
 
     def _register(self, series: str | None, address: int) -> str:
         row = self.tables["series"][series]["registers"].get(address) if series else None

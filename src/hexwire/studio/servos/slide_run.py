@@ -49,7 +49,7 @@ def _range(asked: Asked, args: _Servo) -> dict[str, float]:
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class SlideRequest:
     """What a page asks for.
 
     Attributes:
@@ -75,7 +75,7 @@ class Wanted:
         return JogRequest(directions={name: self.turn or 0.0}, speed=self.speed)
 
 
-def read_slide(args: Mapping[str, object]) -> Wanted:
+def read_slide(args: Mapping[str, object]) -> SlideRequest:
     """Check what a page asks for.
 
     Raises:
@@ -88,7 +88,7 @@ def read_slide(args: Mapping[str, object]) -> Wanted:
     speed = row["speed"].number(0.01, 1.0) if "speed" in row else 0.3
     turn = row["turn"].number(-1.0, 1.0) if "turn" in row else None
     goal, by = (row[key].number(-_MOST, _MOST, "rad") if key in row else None for key in ("goal", "by"))
-    return Wanted(row["servo"].integer(0, 253), speed, turn, goal, by)
+    return SlideRequest(row["servo"].integer(0, 253), speed, turn, goal, by)
 
 
 def add_slide(studio: CallHost) -> None:
@@ -113,11 +113,11 @@ def add_slide(studio: CallHost) -> None:
 
 
 class _Run:
-    def __init__(self, bus: BusSource, entry: HeldMotion, arrived: Token, wanted: Wanted) -> None:
+    def __init__(self, bus: BusSource, entry: HeldMotion, arrived: Token, wanted: SlideRequest) -> None:
         self._bus, self._entry, self._arrived, self._wanted = bus, entry, arrived, wanted
         self._slide: SlideServo | None = None
 
-    def change(self, wanted: Wanted) -> None:
+    def change(self, wanted: SlideRequest) -> None:
         if wanted.servo_id != self._wanted.servo_id or (wanted.goal is None) != (self._wanted.goal is None):
             raise UsageError("release first, to hold something else")
         self._wanted = wanted
