@@ -200,6 +200,10 @@ def test_a_hex7bot_is_led_past_the_calibration(desk: Desk) -> None:
     desk.begin("hex7bot")
     told = desk.first.values()
     assert (told["bare"], told["missing"]) == (False, "")
+    # Begun again with what is open, it does not follow the arm twice.
+    followers = len(desk.source.need_arm().listeners)
+    desk.first.begin(desk.tab, "", "")
+    assert len(desk.source.need_arm().listeners) == followers
     desk.to("ranges")
     with pytest.raises(UsageError, match="not calibrated at this step"):
         desk.first.measure()

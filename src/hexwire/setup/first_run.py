@@ -99,7 +99,7 @@ class FirstRun:
         bare: Its servos are on this computer's line.
         stage: The present step.
         measured: A calibration that is measured, and not stored yet; None if there is none.
-        former: What the servos had stored before the last change here; None if nothing was changed.
+        former: What the servos had stored before the last change here; None if nothing can be taken back.
     """
 
     def __init__(self, model: ArmModel, *, bare: bool) -> None:
@@ -128,9 +128,10 @@ class FirstRun:
         """A calibration was stored in the servos; call `examined` then.
 
         Args:
-            former: What they had before.
+            former: What they had before; without a range of every joint it cannot be written again.
         """
-        self.former, self.measured = former, None
+        whole = len(former.joints) == len(self.model.joints)
+        self.former, self.measured = former if whole else None, None
 
     def was_undone(self) -> None:
         """The servos have what they had before; call `examined` then."""

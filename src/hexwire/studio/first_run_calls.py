@@ -28,6 +28,7 @@ from hexwire.setup.first_run import FirstRun, FoundJoint, Stage
 from .access import Right
 from .calls import Arguments, Asked, CallHost, call
 from .geometry import make_geometry
+from .present_calls import read_address
 from .servos.calibration_run import CalibrationRun, calibration_values
 
 if TYPE_CHECKING:
@@ -66,6 +67,7 @@ class FirstRuns:
         self._opened = -1
         self._lock = threading.Lock()
         self._measuring: CalibrationRun | None = None
+        self._followed: ArmSource | None = None
         # The file of the arm that is open for the first jog.
         self._folder = TemporaryDirectory(prefix="hexwire-first-run-")
         studio.holds.add("first", self._begin_step)
@@ -357,7 +359,10 @@ class FirstRuns:
     # -- an open arm ----------------------------------------------------------------------------------------
 
     def _follow(self, arm: ArmSource) -> None:
-        """Tell pages what a hand moves, while the run shows the ranges of this arm."""
+        """Tell pages what a hand moves, while a run shows the ranges of this arm."""
+        if self._followed is arm:
+            return
+        self._followed = arm
         told = -math.inf
 
         def follow(state: JointState, goals: Mapping[str, float]) -> None:
@@ -492,7 +497,7 @@ def _model_of(robot: str) -> ArmModel:
 @call("first.begin", _Arm, right=Right.OPERATE)
 def _begin(asked: Asked, args: _Arm) -> None:
     """Open an arm for a first run, or begin one with what is open."""
-    _runs(asked).begin(asked.tab, args.url.strip(), args.robot)
+    _runs(asked).begin(asked.tab, read_address(args.url), args.robot)
 
 
 @call("first.again", Arguments, control=True)
