@@ -258,6 +258,7 @@ export function mountProgram(page, root) {
       mine.goOn = () => (on = true);
       while (!on && !gone(mine)) await new Promise((next) => setTimeout(next, LOOK));
       mine.goOn = null;
+      if (document.activeElement === goOn) end.focus({ preventScroll: true });
       goOn.hidden = true;
     } else {
       return page.run(motionOf(step));
@@ -275,12 +276,15 @@ export function mountProgram(page, root) {
   }
   function lock() {
     const busy = running !== null;
+    // What was pressed cannot be pressed now.
+    const pressed = end.hidden === busy && root.contains(document.activeElement);
     end.hidden = !busy;
     const able = page.mine && page.unready === "";
     for (const one of root.querySelectorAll("button, input, select")) {
       if (one !== end && one !== goOn) one.disabled = busy || (one.classList.contains("arm-need") && !able);
     }
     undone.disabled = busy || draft.past.length === 0;
+    if (pressed) (busy ? end : start).focus({ preventScroll: true });
   }
   name.addEventListener("input", () => (draft.name = name.value));
   page.on("need", lock);
@@ -290,7 +294,8 @@ export function mountProgram(page, root) {
   Promise.all([hexwire.operates ? ask("recordings") : [], ask("poses")]).then(([files, saved]) => {
     recordings = files ?? [];
     poses = (saved ?? []).map((one) => one.name);
-    draw();
+    // Whoever is at a step by now stays there; new rows have the lists.
+    if (!dragged && !list.contains(document.activeElement)) draw();
   });
 }
 
