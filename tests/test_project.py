@@ -98,6 +98,22 @@ def test_every_package_stands_in_the_import_rule() -> None:
     assert rooms <= named
 
 
+def test_a_public_class_has_its_name_to_itself() -> None:
+    """A reader finds a class by its name; two rooms share one only where the thing has no other."""
+    rooms: dict[str, set[str]] = {}
+    source = ROOT / "src/hexwire"
+    for path in source.rglob("*.py"):
+        for name in re.findall(r"^class ([A-Za-z]\w*)", path.read_text(encoding="utf-8"), re.MULTILINE):
+            rooms.setdefault(name, set()).add(path.relative_to(source).parts[0])
+    shared = {name for name, found in rooms.items() if len(found) > 1}
+    of_both_ros = {"ActionClient", "ActionGoals", "HardwareInterface"}
+    # Read as `m.Ask` wherever they are used.
+    messages = {"Answer", "Ask", "Follow", "Stream", "Watchdog"}
+    # Of registers, and of bytes on a line; of a certificate, and of an end of a session.
+    others = {"Reading", "Role"}
+    assert shared <= of_both_ros | messages | others
+
+
 def test_changelog_has_a_place_for_the_next_change() -> None:
     text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert text.index("## Unreleased") < text.index("### Added")
