@@ -86,10 +86,19 @@ def test_only_who_has_control_chooses_and_follows_a_leader_that_fits(desk: Desk)
             desk.follow(**args)
     assert desk.arm.leader is None
     desk.lead()
+    leader = desk.arm.leader
+    assert leader is not None
+    leader.owner.torque(True, leader.owner.model.names)
+    desk.arm.stop("a test")
+    with pytest.raises(HexwireError, match="stopped"):
+        desk.follow()
+    desk.arm.arm.owner.reset()
     desk.arm.arm.enable(False)
     with pytest.raises(GoalError, match="no torque"):
         desk.follow()
     assert desk.arm._following is None
+    # It is refused before the leader loses its torque, and falls.
+    until(lambda: leader.row()["torque"] == "on", "a state of the leader")
 
 
 def test_following_ends_with_control_a_stop_its_leader_or_another_motion(desk: Desk) -> None:

@@ -276,6 +276,8 @@ class ArmSource:
             self._silence,
             lambda why: self.hold_to_run.end(entry.who, why, entry.number),
         )
+        # First: a leader that nobody will follow must not fall.
+        self.shared.path_check.stop_latch(owner.group.reason)
         self.shared.path_check.ready(following.joints, owner.newest(), _SILENT)
         leader.release(arrived)
 
