@@ -275,8 +275,10 @@ export class Arm3D {
     const { links, faults = [] } = this.geometry;
     if (faults.length) this._sayPlain(faults);
     if (!links.some((link) => link.meshes?.length)) return;
-    const { loadMeshes } = await import("./arm_meshes.js");
-    const said = await loadMeshes(three.THREE, links, (link, surfaces) => this._meshes.set(link, surfaces));
+    const said = await import("./arm_meshes.js").then(
+      ({ loadMeshes }) => loadMeshes(three.THREE, links, (link, surfaces) => this._meshes.set(link, surfaces)),
+      () => ["the studio is gone, which has the meshes"],
+    );
     if (!this.available) return;
     if (said.length) this._sayPlain([...faults, ...said]);
     this._dress();

@@ -3,6 +3,7 @@
 // the same is left out, and why is said.
 
 const MOST = 500_000; // triangles of a robot
+const FAR = 100; // metres
 
 /**
  * Load the meshes of links. A link whose meshes are not all there gets none.
@@ -64,7 +65,8 @@ function surface(THREE, form, { kind, size, place, turn, rgb }) {
   else made.computeVertexNormals();
   made.applyMatrix4(new THREE.Matrix4().compose(new THREE.Vector3(...place), new THREE.Quaternion(...turn), new THREE.Vector3(...size)));
   const position = made.getAttribute("position").array, normal = made.getAttribute("normal").array;
-  if (!position.every(Number.isFinite)) throw new Error("its mesh has places that are no numbers");
+  // What is no number is not near, either.
+  if (!position.every((value) => Math.abs(value) <= FAR)) throw new Error(`its mesh is larger than ${FAR} m: is it in millimetres, without a scale?`);
   // A hostile or damaged file may have no usable direction; the light needs one.
   for (let i = 0; i < normal.length; i++) if (!Number.isFinite(normal[i])) normal[i] = 0;
   const tint = form.userData.colour ?? new THREE.Color(rgb), colour = new Float32Array(position.length);
