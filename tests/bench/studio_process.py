@@ -66,7 +66,7 @@ def _show_pictures() -> None:
     from matplotlib.image import imsave
 
     from hexwire.studio import v4l2
-    from hexwire.studio.cameras import HEIGHT, RATE, WIDTH, Camera, Cameras, Picture
+    from hexwire.studio.cameras import HEIGHT, RATE, WIDTH, Camera, CameraPicture, Cameras
 
     noise, pictures = np.random.default_rng(1), []
     y, x = np.mgrid[:HEIGHT, :WIDTH]
@@ -80,11 +80,11 @@ def _show_pictures() -> None:
         def __init__(self, device: str) -> None:
             self._next, self._count = time.monotonic(), 0
 
-        def read(self, timeout: float) -> Picture:
+        def read(self, timeout: float) -> CameraPicture:
             self._next, self._count = self._next + 1 / RATE, self._count + 1
             time.sleep(max(0.0, self._next - time.monotonic()))
             # A copy, as that of what the kernel has.
-            return Picture(bytes(bytearray(pictures[self._count % RATE])), time.monotonic())
+            return CameraPicture(bytes(bytearray(pictures[self._count % RATE])), time.monotonic())
 
         def close(self) -> None:
             pass

@@ -21,7 +21,7 @@ from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.teach import Taught
 from hexwire.studio.access import Right
 from hexwire.studio.arm_calls import arm_values
-from hexwire.studio.cameras import Picture
+from hexwire.studio.cameras import CameraPicture
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -160,7 +160,7 @@ def test_cameras_of_the_browser_are_tiles_and_are_off_when_nobody_sees_them(
     rows = studio.studio.cameras.rows
     tiles.last.get_by_label("share").check()
     studio.until(lambda: rows, "the shared camera")
-    pictures: list[Picture | None] = []
+    pictures: list[CameraPicture | None] = []
     (shared,) = rows.values()
     end = shared.look(lambda picture, why: pictures.append(picture))
     studio.until(lambda: any(pictures), "a picture")
