@@ -61,7 +61,8 @@ export function mountTimeline(page, root) {
     node("div", { class: "hw-row" }, start, pause, stop, slower),
     plan, save, kept);
   const from = node("div", { class: "hw-row", hidden: true }, field("Motion", source));
-  root.append(from, box);
+  const failed = node("p", { class: "arm-plan", role: "status", hidden: true, "data-level": "error" });
+  root.append(from, failed, box);
 
   // -- what is shown --------------------------------------------------------------------------------
 
@@ -84,16 +85,21 @@ export function mountTimeline(page, root) {
   /** Read what is chosen, as smooth as it is wanted; `anew`: all of it is played. */
   async function load(anew) {
     const mine = (asked += 1);
+    if (anew) smooth.value = "0";
     if (source.value === TAUGHT && !hand) {
       taught = null;
+      failed.hidden = true;
       show();
       return;
     }
     const wanted = { what: "play", smooth: Number(smooth.value), ...(source.value === TAUGHT ? {} : { recording: source.value }) };
     const told = await page.call("timeline", { motion: wanted });
     if (mine !== asked) return;
-    taught = told.error ? null : told;
-    if (told.error) say(capital(told.error), "error");
+    // What cannot be smoothed so stays as it was.
+    if (!told.error) taught = told;
+    else if (anew) taught = null;
+    failed.hidden = !told.error;
+    failed.textContent = told.error ? `${capital(told.error)}.` : "";
     if (taught && anew) {
       [begin, end, cursor, left] = [0, taught.duration, 0, 0];
       kept.textContent = "";
@@ -103,10 +109,7 @@ export function mountTimeline(page, root) {
   }
   function show() {
     box.hidden = !taught || teaching;
-    if (box.hidden) {
-      from.dataset.level = "";
-      return;
-    }
+    if (box.hidden) return;
     end = Math.min(end, taught.duration);
     time.max = taught.duration;
     time.step = Math.max(0.001, taught.duration / 500);
