@@ -304,7 +304,7 @@ export class Arm3D {
     this._legend.setAttribute("role", "status");
     this._legend.hidden = true;
     Object.assign(this._legend.style, { position: "absolute", left: "12px", bottom: "8px", margin: "0", fontSize: "12px", pointerEvents: "none" });
-    this._plain = this._legend.cloneNode();
+    this._plain = /** @type {HTMLElement} */ (this._legend.cloneNode());
     Object.assign(this._plain.style, { bottom: "26px", right: "12px" });
     this.element.append(canvas, this._legend, this._plain);
     this._scene = new THREE.Scene();
@@ -696,7 +696,7 @@ function mesh(THREE, shapes, colourOf, loaded = []) {
   }
   if (!loaded.length) return buffered(THREE, { position: places, normal: normals, color: colours });
   const form = new THREE.BufferGeometry();
-  for (const [name, first] of [["position", places], ["normal", normals], ["color", colours]]) {
+  for (const [name, first] of Object.entries({ position: places, normal: normals, color: colours })) {
     const parts = [Float32Array.from(first), ...loaded.map((surface) => surface[name])];
     const all = new Float32Array(parts.reduce((sum, part) => sum + part.length, 0));
     let at = 0;
