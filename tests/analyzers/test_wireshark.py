@@ -9,11 +9,13 @@ import socket
 import struct
 import subprocess
 from collections.abc import Iterable, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import pytest
 from tests.analyzers.lines import assembled, readings_table
+from tests.few import few
 from tests.frames import frame_bytes
 
 from hexwire.link.tap import Direction, Passed
@@ -227,8 +229,7 @@ def test_an_unfinished_frame_is_given_up_after_silence(tmp_path: Path) -> None:
     assert readings(capture) == ["bad frame: cut short, 20 of 40 bytes", "1 READ seq 45: status 6: 34 00"]
 
 
-@pytest.mark.parametrize("port", [15030, 23456])
-@pytest.mark.parametrize("tcp", [True, False], ids=["tcp", "udp"])
+@few("tcp, port", product([True, False], [15030, 23456]), (True, 15030), (False, 23456))
 def test_answers_find_their_requests_over_a_network(tmp_path: Path, tcp: bool, port: int) -> None:
     request, answer = CHAPTER_PAIR
     traffic = [(True, request), (False, answer)]
