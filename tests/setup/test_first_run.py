@@ -38,6 +38,8 @@ def by_hand(parts: SoBench) -> Calibration:
 def test_an_arm_is_taken_from_uncalibrated_to_its_first_jog_and_back() -> None:
     parts = SoBench(3)
     run = FirstRun(parts.described.model, bare=True)
+    with pytest.raises(UsageError, match="look what answers"):
+        run.forward()
     run.identified(found(run, "elbow_flex"), "An arm.")
     assert run.told.joint == "elbow_flex"
     with pytest.raises(UsageError, match="elbow_flex: not ready"):

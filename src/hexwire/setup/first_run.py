@@ -255,7 +255,7 @@ class FirstRun:
         silent = next((row.name for row in bad), "")
         if not bad:
             text = f"{self._what} Every joint answers. Nothing was written, and nothing moved."
-            return Told(self.stage, text, "Is it calibrated?", rows=rows)
+            return Told(self.stage, text, "Is it calibrated?", "" if rows else "look what answers", rows=rows)
         text = (
             f"{self._what} The picture shows {silent}: check its cable, its supply and the cable before it, then "
             "press Look again."

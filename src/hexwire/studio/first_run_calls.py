@@ -68,6 +68,8 @@ class FirstRuns:
         self._lock = threading.Lock()
         self._measuring: CalibrationRun | None = None
         self._followed: ArmSource | None = None
+        # What is open is being changed for the run itself.
+        self._switching = False
         # The file of the arm that is open for the first jog.
         self._folder = TemporaryDirectory(prefix="hexwire-first-run-")
         studio.holds.add("first", self._begin_step)
@@ -108,7 +110,7 @@ class FirstRuns:
     @property
     def _present(self) -> FirstRun | None:
         """The run, unless something else was opened meanwhile."""
-        return self._run if self._opened == self._source.opened else None
+        return self._run if self._switching or self._opened == self._source.opened else None
 
     @contextmanager
     def changing(self) -> Iterator[FirstRun]:
@@ -141,10 +143,12 @@ class FirstRuns:
             bare = self._source.bus is not None
             arm = self._source.arm
             model = load_bus_arm(robot).described().model if arm is None else arm.settings.model
-            self._run, self._robot, self._opened = FirstRun(model, bare=bare), robot, self._source.opened
+            run = FirstRun(model, bare=bare)
+            self._look(run)
+            # Only now: before, a page would be told that nothing is missing.
+            self._run, self._robot, self._opened = run, robot, self._source.opened
             if arm is not None:
                 self._follow(arm)
-            self._look(self._run)
 
     @contextmanager
     def _beginning(self) -> Iterator[None]:
@@ -226,7 +230,8 @@ class FirstRuns:
                 run.forget_seen()
             if run.stage is Stage.JOG and self._source.bus is not None:
                 try:
-                    self._open_arm(tab)
+                    with self._switch():
+                        self._open_arm(tab)
                 except HexwireError:
                     run.back()
                     raise
@@ -238,9 +243,19 @@ class FirstRuns:
             was = run.stage
             run.back()
             if was is Stage.JOG and run.bare:
-                self._studio.open_bus(tab)
-                self._opened = self._source.opened
+                with self._switch():
+                    self._studio.open_bus(tab)
+                    self._opened = self._source.opened
                 self._look(run)
+
+    @contextmanager
+    def _switch(self) -> Iterator[None]:
+        """Change what is open for a `with` block; pages go on seeing the run."""
+        self._switching = True
+        try:
+            yield
+        finally:
+            self._switching = False
 
     def _open_arm(self, tab: Tab) -> None:
         studio = self._studio
