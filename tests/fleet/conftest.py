@@ -9,7 +9,10 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+from tests.defaults import default
+from tests.waits import PATIENCE
 
+from hexwire.control.sharing.lease import Lease
 from hexwire.fleet.service import Service
 from hexwire.fleet.service_file import read_arms
 
@@ -32,7 +35,10 @@ def serve(runtime: Path) -> Iterator[Serve]:
     interval = sys.getswitchinterval()
     sys.setswitchinterval(0.001)
     with ExitStack() as stack:
-        # Longer times than usual, so that a busy machine is not taken for a host or a client that died.
+        # Longer times than usual, so that a busy machine is not taken for a host or a client that died, or
+        # a set-point for an old one.
+        default(stack.enter_context(pytest.MonkeyPatch.context()), Lease, max_age=PATIENCE)
+
         def start(name: str = "lab/arm1", *, lease: float = 3.0, **settings: object) -> Service:
             arms = read_arms({name: {"watchdog": 5.0} | (settings or {"robot": "sim"})}, lease=lease)
             return stack.enter_context(Service(arms))

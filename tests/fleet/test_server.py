@@ -12,7 +12,9 @@ from typing import Any
 
 import pytest
 from tests.control.shared_bench import SharedBench
+from tests.waits import PATIENCE
 
+from hexwire.control.sharing.lease import Lease
 from hexwire.drivers.values import StopMode
 from hexwire.errors import LinkBusyError, RemoteProtocolError, UsageError
 from hexwire.fleet import messages as m
@@ -93,7 +95,8 @@ class Served:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, **options: Any) -> None:
         monkeypatch.setattr(module, "_SETTLE", 0.0)
-        self.bench = SharedBench(**options)
+        # A set-point is made by the test's thread, which may be slow while the owner turns: none is old by that.
+        self.bench = SharedBench(**{"lease": Lease(max_age=PATIENCE)} | options)
         self.node = Node()
         self.server = ArmServer(self.bench.shared, "lab/arm1", self.node, server="test", started=1.0)  # type: ignore[arg-type]
         self.server.start()
@@ -529,7 +532,7 @@ NAN, INF = math.nan, math.inf
         {"doubt": NAN},
         {"doubt": INF},
         {"doubt": -1.0},
-        {"doubt": 0.3},
+        {"doubt": 1.1 * PATIENCE},
         {"made": -INF, "doubt": INF},
         {"made": 0.0, "doubt": 1e300},
         {"sequence": 0},
