@@ -31,11 +31,15 @@ class Desk:
     def __init__(self, studio: Studio) -> None:
         self.studio = studio
         studio.source.silence = 60.0
-        self.arm: ArmSource = studio.source.open(f"sim://so101?name=led{next(_names)}", watchdog=0.0)
-        self.arm.arm.enable(True)
         self.tab = studio.tabs.open("mine", Right.OPERATE)
-        studio.take(self.tab)
         self._number = 0
+        self.open()
+
+    def open(self) -> None:
+        """A fresh arm, with torque and control."""
+        self.arm: ArmSource = self.studio.source.open(f"sim://so101?name=led{next(_names)}", watchdog=0.0)
+        self.arm.arm.enable(True)
+        self.studio.take(self.tab)
 
     def call(self, name: str, tab: Tab | None = None, **args: object) -> Any:
         return asyncio.run(self.studio.call(tab or self.tab, name, args))
@@ -84,7 +88,12 @@ def test_only_who_has_control_chooses_and_follows_a_leader_that_fits(desk: Desk)
     for args in ({"speed": 2.0}, {"force": "much"}, {"torque": 1}):
         with pytest.raises(UsageError):
             desk.follow(**args)
-    assert desk.arm.leader is None
+    board = desk.studio.source.open("sim://hex7bot?name=slow_leader", watchdog=0.0)
+    desk.studio.take(desk.tab)
+    with pytest.raises(UsageError, match="too rarely"):
+        desk.call("arm.lead", url="sim://hex7bot?dialect=1")
+    assert board.leader is None
+    desk.open()
     desk.lead()
     leader = desk.arm.leader
     assert leader is not None

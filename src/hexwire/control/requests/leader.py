@@ -35,6 +35,9 @@ __all__ = ["FollowRequest", "Leader", "read_following"]
 _MEET = 0.2
 """Share of the speed limits until the follower has met the leader, as for `hexwire follow`."""
 
+_SLOWEST = 0.2
+"""Seconds between two targets of an arm whose states are as rare, as from a board with the chapter's sketch."""
+
 
 @dataclass(frozen=True, slots=True)
 class FollowRequest:
@@ -87,9 +90,19 @@ class Leader:
         self.owner = RobotOwner(robot, check=limits, watchdog=0.0, stop_on_failure=False)
 
     def open(self) -> None:
-        """Connect, and read from now on; its torque stays as it is. Raises as `RobotOwner.connect`."""
+        """Connect, and read from now on; its torque stays as it is.
+
+        Raises:
+            UsageError: Its line is too slow: what it tells would always count as silence.
+            HexwireError: As `RobotOwner.connect`.
+        """
         try:
             self.owner.connect()
+            if self.owner.command_period > _SLOWEST:
+                url = self.owner.robot.url
+                raise UsageError(
+                    f"{url} says too rarely where it is to be followed; use a board with hexwire's firmware"
+                )
             self.owner.start(())
         except BaseException:
             self.owner.shutdown()
