@@ -50,7 +50,11 @@ def _uncalibrated(driver: RobotDriver) -> str:
     except HexwireError:
         # A joint that does not answer is told of elsewhere.
         return ""
-    return f"not calibrated: {', '.join(found)} may be elsewhere than shown" if found else ""
+    if not found:
+        return ""
+    # It stands in one line above every page.
+    which = ", ".join(found) if len(found) < 3 else f"{len(found)} joints"
+    return f"not calibrated: {which} may be elsewhere than shown"
 
 
 class Source:
