@@ -130,6 +130,37 @@ def test_a_fault_may_be_an_error(monkeypatch: pytest.MonkeyPatch, way: str) -> N
         robot.send_action(here)
 
 
+@pytest.mark.parametrize("silent", [False, True])
+@pytest.mark.parametrize("way", ["warn", "raise", "torque_off"])
+def test_a_joint_that_loses_its_torque_is_told_and_gets_none_with_the_next_action(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, way: str, silent: bool
+) -> None:
+    sim = Sim(monkeypatch)
+    robot = sim.device(on_fault=way)
+    robot.connect()
+    here = robot.get_observation()
+    go(sim, robot, here, 0.1)
+    caplog.set_level(logging.WARNING)
+    sim.servos[2].registers.put("torque_enable", 0)
+    if silent:
+        # It restarts: then it is asked at once, else every two seconds.
+        sim.mute(3)
+        sim.on_sleep = sim.mute
+    else:
+        sim.clock.advance(2.1)
+    error = pytest.raises(RuntimeError, match=r"elbow_flex \(servo 3\): has no torque any more; .* connect again")
+    with nullcontext() if way == "warn" else error:
+        robot.get_observation()
+    with pytest.raises(RuntimeError, match="has no torque"):
+        robot.send_action(here)
+    off = way == "torque_off"
+    assert [servo.registers.get("torque_enable") for servo in sim.servos] == [
+        int(not off and i != 2) for i in range(6)
+    ]
+    assert [row.message.split(";")[0] for row in caplog.records] == ["elbow_flex (servo 3): has no torque any more"]
+    assert robot._arm.faults.counts == {"elbow_flex torque off": 1}
+
+
 def test_an_arm_of_which_no_fault_ends_the_session_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
     sim = Sim(monkeypatch)
     robot = sim.device()

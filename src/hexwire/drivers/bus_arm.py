@@ -740,6 +740,14 @@ class BusArm(PlainDriver, BareServos, Counters, ServoPing, SetPoints, SilenceChe
                 self._read_torque([joint])
         return tuple(self.model.joints[i].name for i in wanted if self._torque[i])
 
+    def read_torque(self) -> None:
+        """Ask the servos whether they have torque: one that restarts loses it, other programs may switch it off.
+
+        States say it from then on, and a joint without torque gets no goal, which would switch its torque on.
+        """
+        self._check_attached()
+        self._read_torque(self.model.joints)
+
     def unbind(self) -> None:
         """Take the last goal's speed from joints with torque that are where they were sent; torque off does of all.
 

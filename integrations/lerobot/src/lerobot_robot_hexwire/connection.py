@@ -41,6 +41,8 @@ logger = logging.getLogger(__name__)
 
 _SILENT, _AGAIN = 0.005, 0.02
 """Seconds between two questions to a servo that is silent, and between two tries to open a line that was lost."""
+_TORQUE_EVERY = 2.0
+"""Seconds between two questions to the servos of an arm that holds whether they still have torque."""
 RETRIES = 5
 """Repeats for a servo that does not answer: recording must not end because the computer stalled."""
 _REGISTERS = Series.STS_SMS.registers
@@ -105,6 +107,7 @@ class Connection:
         self._link: Link | None = None
         self._values: JointValues | None = None
         self._stored = False
+        self._ask_torque = -math.inf
 
     @property
     def is_open(self) -> bool:
@@ -191,6 +194,11 @@ class Connection:
             driver = self._driver
             assert driver is not None
             try:
+                if self.faults is not None and self.faults.holds and isinstance(driver, BusArm):
+                    now = time.monotonic()
+                    if now >= self._ask_torque:
+                        self._ask_torque = now + _TORQUE_EVERY
+                        driver.read_torque()
                 state = driver.read_loads() if loads else driver.read_positions()
             except LinkError as error:
                 # One patience for all of it: a line that is lost again and again does not keep its caller.
@@ -204,6 +212,8 @@ class Connection:
                     self.faults.see(state)
                 return state
             now = time.monotonic()
+            # It may have restarted, and has no torque then.
+            self._ask_torque = now
             end = min(end, now + self.patience)
             if now >= end:
                 raise ConnectionError(f"{', '.join(state.silent)} does not answer: check cable and power")
@@ -245,6 +255,7 @@ class Connection:
             raise ConnectionError(f"{', '.join(sorted(silent))} does not answer: check cable and power")
         probes = servos.probes(driver.model, self.stored) if self.stored else driver.probe().joints
         self.faults = ServoFaults(driver.model, probes, self.whose)
+        self._ask_torque = -math.inf
         self._refuse(self.faults.judge(state), driver)
         reversed_joints: tuple[str, ...] = ()
         if isinstance(driver, BusArm):

@@ -146,6 +146,7 @@ class HexwireRobot(HexwireDevice, Robot):
     def calibrate(self) -> None:
         # Until it is configured again, the arm has no torque, and follows nothing.
         self._rules = None
+        self._holds(False)
         super().calibrate()
 
     def configure(self) -> None:
@@ -157,6 +158,7 @@ class HexwireRobot(HexwireDevice, Robot):
         with faults():
             self._write_settings()
         self._torque(True)
+        self._holds(True)
         height = self.config.table_mm
         check = PathCheck.of(driver, None if height is None else height / 1000)
         self.check = check
@@ -292,9 +294,15 @@ class HexwireRobot(HexwireDevice, Robot):
         if self._rules is not None:
             self._rules.pause()
 
+    def _holds(self, on: bool) -> None:
+        """Let a joint without torque be a fault, or not."""
+        if self._arm.faults is not None:
+            self._arm.faults.holds = on
+
     def _fault(self, what: str) -> None:
         if self.config.on_fault == "torque_off":
             self._rules = None
+            self._holds(False)
             self._torque(False, ": hold the arm")
             what += "; its torque is off"
         raise RuntimeError(what)

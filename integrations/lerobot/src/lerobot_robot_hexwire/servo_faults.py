@@ -11,14 +11,13 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from hexwire.drivers.checkup import judge_state
-from hexwire.link.diagnose import Level
+from hexwire.link.diagnose import Finding, Level
 from hexwire.model.state import JointFlag
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hexwire.drivers.base import JointProbe
-    from hexwire.link.diagnose import Finding
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState
 
@@ -27,6 +26,9 @@ __all__ = ["ServoFaults", "told"]
 logger = logging.getLogger(__name__)
 
 _FAULTS = int(JointFlag(0xFF).faults & ~JointFlag.SILENT)
+_ON, _UNKNOWN = int(JointFlag.TORQUE_ON), int(JointFlag.TORQUE_UNKNOWN)
+_LIMP = "has no torque any more"
+_LIMP_ADVICE = "its supply may have failed for a moment, or another program switched it off; connect again"
 
 
 def told(findings: Sequence[Finding], model: ArmModel) -> str:
@@ -49,7 +51,8 @@ class ServoFaults:
 
     Attributes:
         present: What is wrong now, in words; empty if nothing is.
-        counts: How often each fault came, by joint and fault, as in ``gripper overload``.
+        counts: How often each fault came, by joint and fault, as in ``gripper overload``, ``gripper torque off``.
+        holds: Whether the joints have been given torque: then one without it is a fault.
     """
 
     def __init__(self, model: ArmModel, probes: Sequence[JointProbe], whose: str = "") -> None:
@@ -57,6 +60,7 @@ class ServoFaults:
         self._before = (0,) * len(model.joints)
         self.present = ""
         self.counts: Counter[str] = Counter()
+        self.holds = False
 
     def judge(self, state: JointState) -> list[Finding]:
         """What is wrong with the arm, and what to do."""
@@ -64,16 +68,21 @@ class ServoFaults:
 
     def see(self, state: JointState) -> None:
         """Take note of the faults in a state; every cycle does."""
-        faults = tuple([flags & _FAULTS for flags in state.flags])
+        # The bit of torque stands for a joint that should have it and has not.
+        limp = _ON if self.holds else 0
+        faults = tuple([flags & _FAULTS | (0 if flags & _UNKNOWN else ~flags & limp) for flags in state.flags])
         if faults == self._before:
             return
         came = [
-            f"{name} {flag}"
+            f"{name} {'torque off' if flag is JointFlag.TORQUE_ON else flag}"
             for name, now, before in zip(state.names, faults, self._before, strict=True)
             for flag in JointFlag(now & ~before)
         ]
         self._before = faults
-        self.present = told([one for one in self.judge(state) if one.level is Level.BAD], self._model)
+        found = [one for one in self.judge(state) if one.level is Level.BAD]
+        if names := ", ".join(name for name, now in zip(state.names, faults, strict=True) if now & _ON):
+            found.append(Finding(Level.BAD, names, _LIMP, _LIMP_ADVICE))
+        self.present = told(found, self._model)
         if any(fault not in self.counts for fault in came):
             logger.warning("%s%s", self._whose, self.present)
         self.counts.update(came)
