@@ -35,6 +35,13 @@ def shared() -> Iterator[str]:
             server.communicate(timeout=30.0)
 
 
+def _send_for(seconds: float, robot: HexwireRemote, goal: dict[str, float]) -> None:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        robot.send_action(goal)
+        time.sleep(0.03)
+
+
 def test_a_shared_arm_moves_and_a_stop_of_another_program_is_respected(shared: str) -> None:
     robot = HexwireRemote(HexwireRemoteConfig(port=shared))
     assert robot.name == "so_follower"
@@ -47,8 +54,9 @@ def test_a_shared_arm_moves_and_a_stop_of_another_program_is_respected(shared: s
     assert robot.get_observation()["shoulder_pan.pos"] == pytest.approx(goal["shoulder_pan.pos"], abs=2.0)
     with connect(shared) as other:
         other.stop()
-        with pytest.raises(RuntimeError):
-            robot.send_action(goal)
+        # Nobody waits for the answers to set-points that follow each other closely: a later one raises the error.
+        with pytest.raises(RuntimeError, match="stopped"):
+            _send_for(30.0, robot, goal)
         assert len(robot.get_observation()) == 6
     # Its own program holds the lease, and so ends the stop.
     robot._arm.driver.resume()
