@@ -37,3 +37,11 @@ def test_a_motion_of_joints_that_the_arm_lacks_is_refused(recordings: Recordings
     with pytest.raises(HexwireError, match="there is no recording"):
         recordings.taught("b.mcap", None, ("J1",))
     assert recordings.twin_of("a.mcap") == "hex7bot"
+
+
+def test_what_is_no_name_of_a_recording_plays_nothing_else(recordings: Recordings) -> None:
+    assert recordings.asked({"what": "play", "recording": None}, ("J1",)) == ({"what": "play"}, None)
+    for key in ("recording", "topic"):
+        for value in (5, ["a.mcap"], True, {"a": 1}):
+            with pytest.raises(UsageError, match=f"^{key} must be text, not "):
+                recordings.asked({"what": "play", key: value}, ("J1",))

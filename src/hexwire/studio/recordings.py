@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hexwire.errors import UsageError
+from hexwire.inputs import Item
 from hexwire.motion.teach import Taught
 from hexwire.trace.library import Library, recordings_folder
 
@@ -78,13 +79,12 @@ class Recordings:
             joints: As for `taught`.
 
         Raises:
+            UsageError: One of these is no text.
             HexwireError: As `taught`.
         """
         args = dict(motion)
-        name, topic = args.pop("recording", None), args.pop("topic", None)
-        if not isinstance(name, str) or not name:
-            return args, None
-        return args, self.taught(name, topic if isinstance(topic, str) and topic else None, joints)
+        name, topic = (_text_or_none(key, args.pop(key, None)) for key in ("recording", "topic"))
+        return args, None if name is None else self.taught(name, topic, joints)
 
     def _read(self, name: str, topic: str | None) -> Taught:
         """Read a recording, unless it is the one of before: while it is edited, each change asks for it."""
@@ -108,3 +108,10 @@ class Recordings:
         self.recorder.stop()
         self.twin.stop("the studio ends")
         self._reader.close()
+
+
+def _text_or_none(key: str, value: object) -> str | None:
+    """What a page names: None if it names nothing. Anything else is refused: else the taught motion is played."""
+    if value is None or isinstance(value, str):
+        return value or None
+    raise Item({key: value}).table()[key].wrong_kind("text")
