@@ -166,6 +166,8 @@ class ArmSource:
             self._ender.shutdown()
             self.arm.shutdown()
             self.forget_leader()
+            # 5 MB, which would else be kept until a full pass of the collector.
+            self.history = History(self.settings.model.names, seconds=0.0)
 
     def mark(self) -> Token:
         """The time of an order, relative to stops."""
@@ -279,6 +281,8 @@ class ArmSource:
         # First: a leader that nobody will follow must not fall.
         self.shared.path_check.stop_latch(owner.group.reason)
         self.shared.path_check.ready(following.joints, owner.newest(), _SILENT)
+        if not self.shared.is_wanted(order) or entry.ended:
+            raise StoppedError.unsent("following", 0, "it was released or stopped meanwhile")
         leader.release(arrived)
 
         def begin(state: JointState) -> None:
