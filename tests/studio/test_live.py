@@ -310,3 +310,10 @@ def test_a_page_hears_of_a_studio_that_has_nothing_to_tell(served: RunningStudio
     with owner.socket(f"/live?tab={owner.page()}") as line:
         for _ in range(3):
             until(lambda: line.recv(timeout=30) == b"\0", "a sign of life")
+        # It must not take for held what nobody has begun.
+        line.send(json.dumps({"do": "hold", "id": 1, "kind": "joint", "stops": 0}))
+        until(lambda: b"no arm is open" in _bytes(line.recv(timeout=30)), "why it is not held")
+
+
+def _bytes(message: str | bytes) -> bytes:
+    return message.encode() if isinstance(message, str) else message

@@ -372,6 +372,9 @@ class Live:
             return
         present = studio.source.present
         if present is None:
+            if isinstance(order, _Hold):
+                # Refused in words: what a page holds lasts there until it hears of its end.
+                studio.source.need_arm()
             return
         if isinstance(order, _Beat):
             if present.hold_to_run.beat(tab.key, order.id) and order.args is not None:
