@@ -175,9 +175,31 @@ def test_cameras_of_the_browser_are_tiles_and_are_off_when_nobody_sees_them(
     operator.wait_for_function("tracks.map((track) => track.readyState).join() === 'ended,live'")
     operator.get_by_role("link", name="Wire", exact=True).click()
     operator.wait_for_function("tracks.every((track) => track.readyState === 'ended')")
+    # A tile that is closed while the browser still opens another camera for it leaves neither of them on.
+    operator.get_by_role("link", name="Move", exact=True).click()
+    operator.get_by_role("button", name="Camera", exact=True).click()
+    expect(tiles).to_have_count(1)
+    operator.evaluate(
+        """() => {
+            tracks = [...document.querySelectorAll("video")].map((v) => v.srcObject.getTracks()[0]);
+            const open = navigator.mediaDevices.getUserMedia.bind(navigator.mediaDevices);
+            navigator.mediaDevices.getUserMedia = (wanted) => new Promise((resolve) => {
+                window.late = async () => {
+                    const made = await open(wanted);
+                    tracks.push(...made.getTracks());
+                    resolve(made);
+                };
+            });
+        }"""
+    )
+    shown = tiles.first.get_attribute("data-device")
+    tiles.first.locator("select").select_option(next(device for device in devices if device != shown))
+    expect(tiles.first.get_by_label("share")).to_be_hidden()
+    tiles.first.get_by_role("button", name="Close this camera").click()
+    operator.evaluate("late()")
+    operator.wait_for_function("tracks.map((track) => track.readyState).join() === 'ended,ended'")
     # A page without TLS on another computer has no cameras, and says what helps.
     operator.evaluate("Object.defineProperty(navigator, 'mediaDevices', { value: undefined })")
-    operator.get_by_role("link", name="Move", exact=True).click()
     operator.get_by_role("button", name="Camera", exact=True).click()
     expect(operator.locator("#arm-hint")).to_contain_text("TLS")
 

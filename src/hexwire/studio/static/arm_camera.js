@@ -46,17 +46,33 @@ async function tile(page, tiles, there) {
   const share = node("label", { title: "Other pages of this studio see it while they look, and a recording with cameras has it" }, shared, " share");
   const box = node("figure", { class: "arm-camera-tile" }, node("figcaption", {}, choice, share, said, close));
   let camera = null;
+  let turn = 0;
   const end = () => {
+    turn += 1;
     clearInterval(watch);
     camera?.close();
     box.remove();
   };
   const show = async (wanted) => {
+    const mine = (turn += 1);
     camera?.close();
+    camera = null;
     said.textContent = "";
-    share.hidden = wanted.startsWith(STUDIO) || !hexwire.operates;
+    share.hidden = true;
     shared.checked = false;
-    camera = wanted.startsWith(STUDIO) ? ofStudio(wanted, (text) => (said.textContent = text)) : await ofBrowser(wanted, end);
+    let made = null;
+    try {
+      made = wanted.startsWith(STUDIO) ? ofStudio(wanted, (text) => (said.textContent = text)) : await ofBrowser(wanted, end);
+    } catch (error) {
+      if (mine === turn) throw error;
+    }
+    if (mine !== turn) {
+      // Another one was chosen, or the tile closed, while the browser opened this one.
+      made?.close();
+      return;
+    }
+    camera = made;
+    share.hidden = wanted.startsWith(STUDIO) || !hexwire.operates;
     box.dataset.device = camera.device;
     box.querySelector(":scope > :not(figcaption)")?.remove();
     box.prepend(camera.element);
@@ -135,9 +151,12 @@ function sender(video, refused) {
     const scale = Math.min(canvas.width / video.videoWidth, canvas.height / video.videoHeight);
     const [width, height] = [scale * video.videoWidth, scale * video.videoHeight];
     context.drawImage(video, (canvas.width - width) / 2, (canvas.height - height) / 2, width, height);
-    const picture = await canvas.convertToBlob({ type: "image/jpeg", quality: 0.8 });
-    making = false;
-    if (socket.readyState === WebSocket.OPEN) socket.send(picture);
+    try {
+      const picture = await canvas.convertToBlob({ type: "image/jpeg", quality: 0.8 });
+      if (socket.readyState === WebSocket.OPEN) socket.send(picture);
+    } finally {
+      making = false;
+    }
   };
   socket.onmessage = ({ data }) => {
     const told = JSON.parse(data);
