@@ -95,3 +95,29 @@ def test_a_recording_is_cut_slowed_played_in_rounds_paused_and_kept(studio: Runn
     (folder / "half.mcap").unlink()
     source.select_option("half.mcap")
     expect(page.get_by_text("There is no recording 'half.mcap'")).to_be_visible()
+
+
+def test_nothing_is_played_before_it_is_shown(studio: RunningStudio, operator: Page) -> None:
+    page, folder = operator, Path(studio.studio.recordings.library.folder)
+    swing(folder, "slow.mcap", 3.0)
+    (folder / "broken.mcap").write_bytes(b"garbage")
+    studio.torque()
+    open_page(page)
+    source, play = page.get_by_label("Motion", exact=True), page.get_by_role("button", name="Play", exact=True)
+    source.select_option("broken.mcap")
+    said = page.get_by_text("broken.mcap is not a recording")
+    expect(said).to_be_visible()
+    source.select_option("slow.mcap")
+    expect(said).to_be_hidden()
+    expect(play).to_be_enabled()
+    page.evaluate(
+        """() => {
+            const { call } = hexwire;
+            hexwire.call = (name, ...rest) => name === "arm.timeline"
+                ? new Promise((go) => { window.go = go; }).then(() => call(name, ...rest)) : call(name, ...rest);
+        }"""
+    )
+    page.get_by_label("Smooth").select_option("0.5")
+    expect(play).to_be_disabled()
+    page.evaluate("go()")
+    expect(play).to_be_enabled()

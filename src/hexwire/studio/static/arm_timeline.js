@@ -29,6 +29,7 @@ export function mountTimeline(page, root) {
   let left = 0; // rounds that are left of a paused play
   let playing = null; // the round that is played
   let fits = null; // the greatest factor that keeps the limits, of a motion that is too fast
+  let loading = false; // what is chosen is not shown yet
   let refused = false; // what is refused cannot be begun, until something is changed
   let timer = 0;
   let asked = 0;
@@ -86,7 +87,11 @@ export function mountTimeline(page, root) {
   async function load(anew) {
     const mine = (asked += 1);
     if (anew) smooth.value = "0";
+    // Nothing is begun of what is not shown yet.
+    loading = true;
+    offer(null);
     if (source.value === TAUGHT && !hand) {
+      loading = false;
       taught = null;
       failed.hidden = true;
       show();
@@ -95,6 +100,7 @@ export function mountTimeline(page, root) {
     const wanted = { what: "play", smooth: Number(smooth.value), ...(source.value === TAUGHT ? {} : { recording: source.value }) };
     const told = await page.call("timeline", { motion: wanted });
     if (mine !== asked) return;
+    loading = false;
     // What cannot be smoothed so stays as it was.
     if (!told.error) taught = told;
     else if (anew) taught = null;
@@ -243,7 +249,7 @@ export function mountTimeline(page, root) {
   }
   function need() {
     const able = page.mine && page.unready === "";
-    start.disabled = !able || refused;
+    start.disabled = !able || loading || refused;
     slower.disabled = !able;
   }
   function soon() {
