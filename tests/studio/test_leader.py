@@ -166,7 +166,8 @@ def test_a_page_lets_the_arm_follow_its_leader_until_it_is_hidden(studio: Runnin
     part = operator.locator("#arm-leader")
     part.get_by_label("Port of the leader").select_option(label="emulated, on this computer")
     part.get_by_role("button", name="Connect").click()
-    part.get_by_role("button", name="Follow", exact=True).click()
+    part.get_by_role("button", name="Follow", exact=True).press("Enter")
+    expect(part.get_by_role("button", name="End following")).to_be_focused()
     source = studio.studio.source.arm
     assert source is not None
     studio.until(lambda: source._following is not None, "it follows")

@@ -108,8 +108,11 @@ export function mountLeader(page, root) {
   function draw() {
     form.hidden = leader !== null;
     chosen.hidden = leader === null;
+    const pressed = [start, end].includes(document.activeElement);
     start.hidden = following !== null;
     end.hidden = following === null;
+    // What was pressed is hidden now.
+    if (pressed) (following ? end : start).focus({ preventScroll: true });
     if (!leader) return;
     put(named, `${leader.robot} at ${leader.url}${leader.mirror ? ", facing the arm" : ""}: ${leader.error || (leader.stopped ? "stopped" : `torque ${leader.torque || "unknown"}`)}`);
     named.dataset.level = leader.error || leader.stopped ? "error" : "";
