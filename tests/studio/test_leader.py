@@ -177,6 +177,13 @@ def test_a_page_lets_the_arm_follow_its_leader_until_it_is_hidden(studio: Runnin
     link.device.wire.servos[0].motion.position += 200
     studio.until(lambda: abs(studio.goals()[1] - before) > 150, "the arm comes, too")
     expect(part.get_by_role("row", name="shoulder_pan")).to_contain_text("0.0")
+    ends = operator.get_by_role("button", name="End motion")
+    ends.click()
+    expect(part.get_by_text("The arm holds; the leader still has no torque.")).to_be_visible()
+    expect(ends).to_be_disabled()
+    studio.until(lambda: source._following is None, "the end by a person")
+    part.get_by_role("button", name="Follow", exact=True).click()
+    studio.until(lambda: source._following is not None, "it follows again")
     operator.evaluate(
         """() => {
             Object.defineProperty(document, "hidden", {value: true, configurable: true});

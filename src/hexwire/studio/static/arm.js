@@ -266,7 +266,6 @@ function mountRun(page) {
   hexwire.onRun((told) => {
     run = told;
     since = performance.now();
-    page.root.classList.toggle("arm-running", !told.outcome);
     if (told.outcome) {
       const words = { succeeded: told.holds ? "holds an object" : told.off ? `arrived, ${told.off}` : "arrived" }[told.outcome] || told.text || told.outcome;
       text.textContent = `${capital(told.title)}: ${words}`;
@@ -286,8 +285,8 @@ function mountRun(page) {
     page.tell("elapsed", { run, now });
   });
   page.on("draw", () => {
-    const mine = hexwire.holding && page.root.classList.contains("arm-running");
-    if (end.disabled === mine) end.disabled = !mine;
+    // Also while it follows a leader, which is no run.
+    if (end.disabled === hexwire.attending) end.disabled = !hexwire.attending;
   });
   end.addEventListener("click", () => hexwire.release("ended"));
 }

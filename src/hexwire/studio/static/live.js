@@ -57,6 +57,10 @@ const hexwire = {
   get holding() {
     return held !== null;
   },
+  /** Whether it holds what lasts while this page is in sight, without a pressed button. */
+  get attending() {
+    return held !== null && held.attended;
+  },
   onFrame: (call, element) => listen("frame", call, element),
   onFacts: (call, element) => {
     const end = listen("facts", call, element);
