@@ -117,12 +117,15 @@ HOSTILE: dict[str, tuple[bytes, str]] = {
     "a text without an end": (b"solid " * 100_000, ".stl"),
     "a text cut off": (stl_text()[:-30], ".stl"),
     "a text that is no number": (stl_text().replace(b"1 0 0", b"1 x 0"), ".stl"),
+    "a text with a number too large": (stl_text().replace(b"1 0 0", b"1e99 0 0"), ".stl"),
     "a huge text": (b"solid " + b" " * (5 << 20), ".stl"),
     "a huge file": (bytes(LARGEST_FILE + 1), ".stl"),
     "another kind": (b"<COLLADA/>", ".dae"),
     "a file cut off": (glb()[:-4], ".glb"),
     "no JSON": (glb()[:20], ".glb"),
     "a deep JSON": (b"[" * 100_000, ".gltf"),
+    "a JSON that is a list": (b"[]", ".gltf"),
+    "a JSON of much more memory than letters": (b'{"x":[' + b"{}," * 200_000 + b"{}]}", ".gltf"),
     "no buffer": (json.dumps(document()).encode(), ".gltf"),
     "a file elsewhere": (
         json.dumps(document(buffers=[{"byteLength": 72, "uri": "../secret.bin"}])).encode(),
@@ -252,6 +255,12 @@ def test_a_fifo_a_folder_and_a_missing_file_do_not_keep_it_waiting(tmp_path: Pat
     found = UrdfFolder(made)
     assert len(found.faults) == 4
     assert not found.meshes
+    (tmp_path / "round.urdf").symlink_to("round.urdf")
+    for path in (tmp_path / "round.urdf", tmp_path / ("a" * 300), "a\0.urdf"):
+        with pytest.raises((UsageError, ConfigError)):
+            UrdfFolder(path)
+    # What a terminal would obey does not get there.
+    assert UrdfFolder(folder(tmp_path / "b", mesh("&#155;31m.stl"))).faults == ["?31m.stl is not there"]
 
 
 def test_a_urdf_that_is_none_is_refused(tmp_path: Path) -> None:

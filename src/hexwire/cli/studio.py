@@ -46,6 +46,8 @@ __all__ = ["studio"]
 
 _PATIENCE = 12.0
 """Seconds from the signal in which the arm must be safe."""
+_MOST_NOTES = 8
+"""Meshes that the terminal tells of; the page tells of all."""
 _SWITCH = 0.00002
 """Seconds for which one thread may run while others wait: the owner of the arm waits for no page. Much less
 than `hexwire serve` sets, since pages keep their thread busy for longer; `make bench` measures how late the
@@ -218,8 +220,11 @@ def _run(
 
             # Before the arm is open: reading many files keeps it waiting for nothing.
             made.urdf = UrdfFolder(urdf)
-            for fault in made.urdf.faults:
+            faults = made.urdf.faults
+            for fault in faults[:_MOST_NOTES]:
                 note(f"not shown: {fault}")
+            if len(faults) > _MOST_NOTES:
+                note(f"not shown: {len(faults) - _MOST_NOTES} more")
         # The web server takes a moment to import: meanwhile the emulator starts.
         imported = _Imported("hexwire.studio.server")
         stack.callback(imported.end)

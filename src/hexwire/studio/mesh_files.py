@@ -34,6 +34,8 @@ _SIZES = {5121: 1, 5123: 2, 5125: 4, 5126: 4}
 _PARTS = {"SCALAR": 1, "VEC3": 3}
 _MOST_ROWS, _DEEPEST = 2000, 32
 """Rows of each table of a glTF, and nodes from its root to a leaf."""
+_MOST_VALUES = 300_000
+"""Values in the JSON of a glTF: each takes much more memory than its letters."""
 _FAR = 1e6
 
 
@@ -70,7 +72,7 @@ def read_mesh(data: bytes, suffix: str) -> Mesh:
         return _stl(data) if kind == "stl" else _gltf(data)
     except ConfigError:
         raise
-    except (UsageError, ValueError, KeyError, IndexError, TypeError, RecursionError, struct.error):
+    except (UsageError, ValueError, LookupError, TypeError, ArithmeticError, RecursionError, struct.error):
         raise ConfigError("is damaged, or not what its name says") from None
 
 
@@ -166,7 +168,11 @@ def _opened(data: bytes) -> tuple[dict[str, Any], bytes]:
                 raise ConfigError("is not a whole file of glTF 2.0")
     if len(text) > _LARGEST_TEXT and blob is not None:
         raise ConfigError("describes too much")
+    if sum(map(text.count, (b",", b"[", b"{"))) > _MOST_VALUES:
+        raise ConfigError("describes too much")
     document = json.loads(text)
+    if not isinstance(document, dict):
+        raise ConfigError("is damaged, or not what its name says")
     buffers = _table(document, "buffers")
     if len(buffers) != 1:
         raise ConfigError(f"has {len(buffers)} buffers; one is shown")

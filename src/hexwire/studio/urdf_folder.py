@@ -43,14 +43,19 @@ class UrdfFolder:
 
     def __init__(self, path: str | Path) -> None:
         found = Path(path)
-        files = [found] if found.suffix.lower() == ".urdf" else sorted(found.glob("*.urdf"))
-        files = files or sorted(found.glob("urdf/*.urdf"))
+        try:
+            files = [found] if found.suffix.lower() == ".urdf" else sorted(found.glob("*.urdf"))
+            files = files or sorted(found.glob("urdf/*.urdf"))
+            # Without links: one that leads to itself ends here.
+            real = [file.resolve() for file in files[:1]]
+        except (OSError, RuntimeError, ValueError) as error:
+            raise UsageError(f"{str(found)[:200]!r} cannot be looked at: {str(error)[:200]}") from None
         if len(files) != 1:
             names = ", ".join(file.name for file in files[:5])
             raise UsageError(f"{found} has {len(files)} URDF files{names and f': {names}; name one of them'}")
         (file,) = files
         self._folder = (found.parent if files == [found] else found).resolve()
-        self._file = file.resolve()
+        (self._file,) = real
         self.robot = parse_urdf(read_text(file, largest=_LARGEST_URDF), str(file))
         self.meshes: list[Mesh] = []
         self.faults: list[str] = []
@@ -76,7 +81,8 @@ class UrdfFolder:
             if sum(len(mesh.body) for mesh in self.meshes) + len(made.body) > _LARGEST_ALL:
                 raise ConfigError(f"is too much: the meshes of a robot have at most {_LARGEST_ALL >> 20} MiB")
         except ConfigError as error:
-            name = address.rpartition("/")[2][:60]
+            # A terminal would obey what is not printable.
+            name = "".join(each if each.isprintable() else "?" for each in address.rpartition("/")[2][:60])
             self.faults.append(f"{name} {str(error).removeprefix(f'{error.file}: ')}")
             return None
         self.meshes.append(made)
