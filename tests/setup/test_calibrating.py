@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any
 
 import pytest
 from tests.control.so_bench import NAMES, SoBench
@@ -16,7 +19,7 @@ from hexwire.errors import NotSupportedError, ServoError, StoppedError, UsageErr
 from hexwire.model.arms import Go, Seek
 from hexwire.model.calibration import Calibration, JointCalibration
 from hexwire.setup.auto_calibration import AutoCalibration
-from hexwire.setup.calibrating import CalibrationBench, store
+from hexwire.setup.calibrating import CalibrationBench, not_calibrated, store, stored_calibration
 from hexwire.wire.servo_packet import Instruction, ServoPacket
 
 TURN = 4096
@@ -354,6 +357,56 @@ def test_a_servo_that_fails_gives_all_their_old_values_back() -> None:
         store(bench.arm.bus, rows())
     assert [one.registers.stored("position_offset") for one in parts.arm.servos] == [0] * 6
     assert [one.registers.stored("max_position_limit") for one in parts.arm.servos] == [4095] * 6
+
+
+def test_killed_while_it_stores_the_arm_counts_as_not_calibrated() -> None:
+    class Killed(BaseException):
+        pass
+
+    former = Calibration(
+        "so101", "", tuple(replace(row, low=900, high=2900, servo_offset=9) for row in rows().joints)
+    )
+    writes = 0
+
+    def dying(packet: ServoPacket, now: float, one: Any, receive: Any, last: int) -> bytes | None:
+        nonlocal writes
+        if packet.instruction == Instruction.WRITE and packet.params[0] in (9, 11, 31):
+            writes += 1
+            if writes > last:
+                raise Killed
+        return receive(packet, now)  # type: ignore[no-any-return]
+
+    for last in (1, 6, 7, 11, 17):
+        parts = SoBench()
+        with parts.attached() as bench:
+            store(bench.arm.bus, former)
+            writes = 0
+            kept = [one.receive for one in parts.arm.servos]
+            for one in parts.arm.servos:
+                one.receive = partial(dying, one=one, receive=one.receive, last=last)  # type: ignore[method-assign]
+            with pytest.raises(Killed):
+                store(bench.arm.bus, rows())
+            for one, receive in zip(parts.arm.servos, kept, strict=True):
+                one.receive = receive  # type: ignore[method-assign]
+            found = stored_calibration(bench.arm.bus, bench.model)
+            assert not_calibrated(found, bench.model), f"killed after {last} writes"
+
+
+def test_torque_that_another_program_switches_on_meanwhile_keeps_a_servo_as_it_was() -> None:
+    parts = SoBench()
+    one, _, three, *_ = parts.arm.servos
+    receive = one.receive
+
+    def receive_and_hold(packet: ServoPacket, now: float) -> bytes | None:
+        if packet.instruction == Instruction.WRITE and packet.params[0] == 31:
+            three.registers.put("torque_enable", 1)
+        return receive(packet, now)
+
+    one.receive = receive_and_hold  # type: ignore[method-assign]
+    said = "elbow_flex has torque now: it would jump; all servos have their old values again"
+    with parts.attached() as bench, pytest.raises(ServoError, match=said):
+        store(bench.arm.bus, rows())
+    assert [one.registers.stored("position_offset") for one in parts.arm.servos] == [0] * 6
 
 
 def test_a_second_time_there_is_nothing_to_store() -> None:

@@ -246,6 +246,21 @@ def write_setting(bus: ServoBus, servo_id: int, name: str, raw: int) -> None:
         raise ServoError(f"servo {servo_id} {what} after {name} was set to {raw}: read it again", servo_id=servo_id)
 
 
+def write_stored(bus: ServoBus, servo_id: int, address: int, data: bytes) -> None:
+    """Store neighbouring settings permanently, in one packet, and verify them.
+
+    Raises:
+        ServoError: The servo does not answer, or has other values afterwards.
+    """
+    with unlocked(bus, servo_id):
+        _faultless(bus.write_bytes(servo_id, address, data))
+        bus.pause(_EEPROM_TIME)
+    now = bus.read_block(servo_id, address, len(data)).data
+    if now != data:
+        what = "has other values" if now else "is silent"
+        raise ServoError(f"servo {servo_id} {what} after a write at {address}: read it again", servo_id=servo_id)
+
+
 def _faultless(answer: Answer) -> None:
     """Check a write, but accept a reported fault: a servo with an overload still stores the value."""
     if answer.error:

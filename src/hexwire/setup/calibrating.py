@@ -12,6 +12,7 @@ degrees, until torque is switched off.
 from __future__ import annotations
 
 import math
+import struct
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -352,14 +353,19 @@ def store(bus: ServoBus, calibration: Calibration) -> tuple[str, ...]:
         if torque.raw != 0:
             what = "has torque: it would jump" if torque.raw else "does not answer"
             raise ServoError(f"{row.name} {what}; nothing was changed", servo_id=row.servo_id)
-    before = {row: {name: bus.read(row.servo_id, name).raw for name in _STORED} for row in rows}
+    wanted = {row: (row.servo_offset or 0, struct.pack("<HH", row.low, row.high)) for row in rows}
+    before: dict[JointCalibration, tuple[int, bytes]] = {}
     changed: list[JointCalibration] = []
     try:
         for row in rows:
-            wanted = dict(zip(_STORED, (row.servo_offset, row.low, row.high), strict=True))
-            if before[row] != wanted:
+            before[row] = _stored_in(bus, row.servo_id)
+        # First no joint has a range: if this program is killed then, the arm counts as not calibrated.
+        for row in rows:
+            if before[row] != wanted[row]:
                 changed.append(row)
-                _store_one(bus, row, before[row], wanted)
+                _store_limits(bus, row, _WHOLE_TURN)
+        for row in changed:
+            _store_one(bus, row, before[row][0], *wanted[row])
     except HexwireError as error:
         kept = _undo(bus, changed, before)
         what = f"but {', '.join(kept)} may have new values" if kept else "all servos have their old values again"
@@ -367,15 +373,38 @@ def store(bus: ServoBus, calibration: Calibration) -> tuple[str, ...]:
     return tuple(row.name for row in changed)
 
 
-def _store_one(
-    bus: ServoBus, row: JointCalibration, before: Mapping[str, int | None], wanted: Mapping[str, int | None]
-) -> None:
+def _stored_in(bus: ServoBus, servo_id: int) -> tuple[int, bytes]:
+    """Offset and position limits; a servo that reports a fault has them, too."""
+    offset, block = bus.read(servo_id, "position_offset"), bus.read_block(servo_id, *_LIMITS)
+    if offset.raw is None or not block.data:
+        raise ServoError(f"servo {servo_id} does not answer", servo_id=servo_id)
+    return offset.raw, block.data
+
+
+def _refuse_torque(bus: ServoBus, row: JointCalibration) -> None:
+    """Another program may have switched it on since the first look."""
+    if bus.read(row.servo_id, "torque_enable").raw:
+        raise ServoError(f"{row.name} has torque now: it would jump", servo_id=row.servo_id)
+
+
+def _store_offset(bus: ServoBus, row: JointCalibration, offset: int) -> None:
+    _refuse_torque(bus, row)
+    servo_setup.write_setting(bus, row.servo_id, "position_offset", offset)
+
+
+def _store_limits(bus: ServoBus, row: JointCalibration, block: bytes) -> None:
+    """Store both position limits in one packet, so that there is never one old and one new."""
+    if _stored_in(bus, row.servo_id)[1] != block:
+        _refuse_torque(bus, row)
+        servo_setup.write_stored(bus, row.servo_id, _LIMITS[0], block)
+
+
+def _store_one(bus: ServoBus, row: JointCalibration, before: int, offset: int, limits: bytes) -> None:
     servo_id = row.servo_id
     here = bus.read(servo_id, "present_position").raw
-    for name in _STORED:
-        raw = wanted[name]
-        if raw is not None and raw != before[name]:
-            servo_setup.write_setting(bus, servo_id, name, raw)
+    if offset != before:
+        _store_offset(bus, row, offset)
+    _store_limits(bus, row, limits)
     now = bus.read(servo_id, "present_position").raw
     if here is None or now is None:
         raise ServoError(f"servo {servo_id} does not answer", servo_id=servo_id)
@@ -383,7 +412,7 @@ def _store_one(
         # A servo that counts turns has counted one; its supply would clear that too.
         bus.reset_turns(servo_id)
         now = bus.read(servo_id, "present_position").raw
-    moved = (wanted["position_offset"] or 0) - (before["position_offset"] or 0)
+    moved = offset - before
     if now is None or not 0 <= now < _TURN or abs((now - here + moved + _TURN // 2) % _TURN - _TURN // 2) > _CLOSE:
         raise ServoError(
             f"{row.name} reports position {now} after its offset was stored: switch the supply off and on",
@@ -392,15 +421,16 @@ def _store_one(
 
 
 def _undo(
-    bus: ServoBus, changed: list[JointCalibration], before: Mapping[JointCalibration, Mapping[str, int | None]]
+    bus: ServoBus, changed: list[JointCalibration], before: Mapping[JointCalibration, tuple[int, bytes]]
 ) -> list[str]:
     """Write the old values back; returns the joints where that failed."""
     kept = []
     for row in changed:
+        offset, limits = before[row]
         try:
-            for name, raw in before[row].items():
-                if raw is not None:
-                    servo_setup.write_setting(bus, row.servo_id, name, raw)
+            if _stored_in(bus, row.servo_id)[0] != offset:
+                _store_offset(bus, row, offset)
+            _store_limits(bus, row, limits)
         except HexwireError:
             kept.append(row.name)
     return kept
