@@ -12,7 +12,7 @@ from tests.studio.pages.test_arm import open_page
 from tests.studio.running import expect, until
 
 from hexwire.drivers.abilities import BareServos
-from hexwire.errors import GoalError, HexwireError, LeaseError, StoppedError, UsageError
+from hexwire.errors import GoalError, HexwireError, LeaseError, LinkLostError, StoppedError, UsageError
 from hexwire.studio.access import Access, Right
 from hexwire.studio.app import Studio
 from hexwire.studio.source import ArmSource
@@ -107,14 +107,18 @@ def test_only_who_has_control_chooses_and_follows_a_leader_that_fits(desk: Desk)
         desk.follow()
     desk.arm.arm.enable(True)
     # It was let go of while it waited for its turn.
-    entry = desk.arm.hold_to_run.begin(desk.tab.key, 50)
+    desk._number += 1
+    entry = desk.arm.hold_to_run.begin(desk.tab.key, desk._number)
     assert entry is not None
-    desk.arm.hold_to_run.end(desk.tab.key, "released", 50)
+    desk.arm.hold_to_run.end(desk.tab.key, "released", desk._number)
     with pytest.raises(StoppedError, match="meanwhile"):
         desk.studio.holds.begin(desk.tab, entry, "follow", {}, desk.arm.mark())
     assert desk.arm._following is None
     # It is refused before the leader loses its torque, and falls.
     until(lambda: leader.row()["torque"] == "on", "a state of the leader")
+    leader.close()
+    with pytest.raises(LinkLostError, match="the leader is not connected"):
+        desk.follow()
 
 
 def test_following_ends_with_control_a_stop_its_leader_or_another_motion(desk: Desk) -> None:

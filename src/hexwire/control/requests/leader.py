@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from hexwire.drivers.registry import is_same_arm
-from hexwire.errors import StoppedError, UsageError
+from hexwire.errors import LinkLostError, StoppedError, UsageError
 from hexwire.inputs import Item
 from hexwire.wire.command_frame import Status
 
@@ -151,6 +151,8 @@ class Leader:
             HexwireError: The leader cannot be read.
         """
         arm, owner = self._arm, self.owner
+        if self.lost:
+            raise LinkLostError(self.lost)
         newest = owner.newest()
         speeds = {
             joint.name: min(request.speed * joint.max_speed, joint.guided_speed)
