@@ -17,6 +17,7 @@ from hexwire.studio.access import Access, Right
 from hexwire.studio.app import Studio
 from hexwire.studio.calls import find_call
 from hexwire.studio.tabs import Tab
+from hexwire.wire.servo_packet import Instruction, ServoPacket
 
 _names = itertools.count(1)
 
@@ -194,6 +195,29 @@ def test_a_joint_that_moved_less_than_usual_is_asked_about_and_a_stop_refuses_to
     with pytest.raises(StoppedError):
         desk.first.store()
     assert desk.stored() == before
+
+
+def test_after_storing_failed_nobody_goes_on_with_what_the_servos_had_before(desk: Desk) -> None:
+    desk.begin()
+    desk.to("ranges")
+    desk.calibrate()
+    desk.first.store()
+    assert desk.first.values()["missing"] == ""
+    lift = desk.servos[1]
+    receive, alive = lift.receive, True
+
+    def dying(packet: ServoPacket, now: float) -> bytes | None:
+        nonlocal alive
+        alive = alive and packet.instruction != Instruction.WRITE
+        answer: bytes | None = receive(packet, now) if alive else None
+        return answer
+
+    lift.receive = dying
+    with pytest.raises(HexwireError, match="shoulder_lift may have new values"):
+        desk.first.undo()
+    assert desk.first.values()["missing"] == "measure the ranges first"
+    with pytest.raises(UsageError, match="measure the ranges first"):
+        desk.first.forward(desk.tab)
 
 
 def test_a_hex7bot_is_led_past_the_calibration(desk: Desk) -> None:

@@ -133,6 +133,10 @@ class FirstRun:
         whole = len(former.joints) == len(self.model.joints)
         self.former, self.measured = former if whole else None, None
 
+    def may_be_changed(self) -> None:
+        """Storing has failed: nothing is known of the servos until they are `examined` again."""
+        self._stored, self._faults = None, {}
+
     def was_undone(self) -> None:
         """The servos have what they had before; call `examined` then."""
         self.former = None

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
@@ -366,7 +366,14 @@ class FirstRuns:
     def _write(run: FirstRun, bus: BusSource, calibration: Calibration, what: str) -> None:
         with bus.bench.working(what, acts=True):
             former = stored_calibration(bus.bus, run.model)
-            store(bus.bus, calibration)
+            try:
+                store(bus.bus, calibration)
+            except HexwireError:
+                # Going on with what they had before would open the arm with angles that are wrong.
+                run.may_be_changed()
+                with suppress(HexwireError):
+                    run.examined(stored_calibration(bus.bus, run.model))
+                raise
             if calibration is run.measured:
                 run.was_stored(former)
             run.examined(stored_calibration(bus.bus, run.model))
