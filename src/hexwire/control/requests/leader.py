@@ -151,8 +151,8 @@ class Leader:
             HexwireError: The leader cannot be read.
         """
         arm, owner = self._arm, self.owner
-        if why := self.lost:
-            raise LinkLostError(why)
+        if not owner.connected:
+            raise LinkLostError(f"the leader is not connected: {owner.error}")
         newest = owner.newest()
         speeds = {
             joint.name: min(request.speed * joint.max_speed, joint.guided_speed)
