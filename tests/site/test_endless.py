@@ -34,6 +34,8 @@ NOT_HERE = {
     r"--view\b": "tests/cli/test_sim_view.py",
     # It ends by itself, on an arm in a program of its own.
     r"^hexwire sim hand\b": "tests/cli/test_sim_hand.py",
+    # A camera.
+    r"^hexwire (studio|serve) .*--camera\b": "tests/studio/test_camera_views.py",
     # The certificates of another page.
     r"^hexwire studio .*--cert\b": "tests/studio/test_listening.py",
 }
