@@ -378,7 +378,11 @@ function banner(lasting, note) {
   const news = performance.now() < told.until ? told.text : "";
   const parts = told.urgent ? [news, lasting] : [lasting, news];
   const text = parts.filter(Boolean).join(". ") || note;
-  if (element.textContent !== text) element.textContent = text;
+  if (element.textContent === text) return;
+  // What is said leads to where it is mended.
+  const [words, page] = text.split(/(?=First run$)/);
+  element.replaceChildren(words);
+  if (page) element.append(Object.assign(document.createElement("a"), { href: "/first", textContent: page }));
 }
 
 function put(name, text, level = "") {
@@ -460,7 +464,7 @@ function header(facts) {
   else if (arm && !facts.connected) lasting = since(facts) + `${bus ? "The servo bus cannot be read" : "The arm is not connected"}: ${facts.error}`;
   else if (facts.mode === "arm" && !known) lasting = since(facts) + "The arm is silent: it may do anything. STOP will be tried";
   else if (arm && facts.stopped) lasting = `Stopped: ${facts.stopped}`;
-  banner(lasting, facts.note || (facts.uncalibrated ? `The arm is ${facts.uncalibrated}; see First run on the page Arms` : ""));
+  banner(lasting, facts.note || (facts.uncalibrated ? `The arm is ${facts.uncalibrated}; see First run` : ""));
 }
 
 hexwire.onFacts(header);
