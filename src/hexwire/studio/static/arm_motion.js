@@ -229,8 +229,11 @@ export function mountGoto(page) {
     renew();
     hide("The preview is hidden.");
   });
-  let unready = "";
-  page.on("facts", () => {
+  let unready = "", stopped = "";
+  page.on("facts", (facts) => {
+    // What a stop had refused is looked at again when it has ended.
+    if (stopped && !facts.stopped && touched) soon();
+    stopped = facts.stopped;
     if (page.unready === unready) return;
     unready = page.unready;
     page.find("#arm-here").disabled = unready !== "";
