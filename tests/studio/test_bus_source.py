@@ -15,6 +15,7 @@ from hexwire.bus.live_values import LiveValues
 from hexwire.bus.setup import scan
 from hexwire.emulator.servo import EmulatedServo
 from hexwire.errors import DeviceError, HexwireError, LeaseError, ServoError, UsageError
+from hexwire.setup.servo_bench import Job
 from hexwire.studio.access import Right
 from hexwire.studio.bus_source import BusSource, live_row
 from hexwire.studio.source import Source
@@ -86,6 +87,16 @@ def test_a_search_at_all_rates_and_work_at_another_rate(bus: BusSource) -> None:
     bus.use_rate(115_200)
     assert bus.bench.servo_ids == (6,)
     until(lambda: set(bus.live) == {6} and not bus.live[6].error, "values at that rate")
+
+
+def test_a_search_counts_all_that_it_has_found(bus: BusSource, monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+    monkeypatch.setattr(Job, "tell", lambda _self, text, _share=None: told.append(text))
+    bus.search((), range(1, 9))
+    counts = [int(text.split(", ")[2].split()[0]) for text in told if text.endswith("found")]
+    # Silent ids are asked once more: what was found before that counts on.
+    assert counts == sorted(counts)
+    assert counts[-1] == len(IDS)
 
 
 def test_a_search_that_is_cancelled_keeps_what_was_known(bus: BusSource) -> None:

@@ -218,12 +218,12 @@ class BusSource:
             HexwireError: The bus cannot be read.
         """
         bauds = list(rates) or [self.bus.timing.baud]
-        total, done = len(bauds) * len(ids), 0
+        total, done, before = len(bauds) * len(ids), 0, 0
         with self.bench.working("a search", changes_rate=True) as job:
 
             def progress(baud: int, servo_id: int, found: int) -> None:
                 nonlocal done
-                job.tell(f"{baud} baud, id {servo_id}, {found} found", done / total)
+                job.tell(f"{baud} baud, id {servo_id}, {before + found} found", done / total)
                 done += 1
 
             found = scan(self.bus, bauds=bauds, ids=ids, progress=progress)
@@ -232,6 +232,7 @@ class BusSource:
                 here_already = {row.servo_id for row in found}
                 silent = [servo_id for servo_id in ids if servo_id not in here_already]
                 total += len(silent)
+                before = len(found)
                 found += scan(self.bus, bauds=bauds, ids=silent, progress=progress)
                 found.sort(key=lambda row: row.servo_id)
             here = self.bus.timing.baud
