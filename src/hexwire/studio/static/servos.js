@@ -78,7 +78,10 @@ async function board(element, facts) {
   const ask = async () => {
     const report = await view.act("board.ask");
     if (report) {
-      fill(told, html`${table("What each servo is", ["Joint", "#Servo", "Series", "Present", "Supply limits", "Remarks"], report.servos)}
+      // What a board does not tell of any servo has no column.
+      const known = (_, i) => report.servos.some((cells) => cells[i] !== "");
+      const heads = ["Joint", "#Servo", "Series", "Present", "Supply limits", "Remarks"].filter(known);
+      fill(told, html`${table("What each servo is", heads, report.servos.map((cells) => cells.filter(known)))}
         ${report.firmware && html`<p class="sv-hint">${report.firmware}</p>`}
         <details class="sv-details"><summary>Details: counters that are not 0</summary>${table("Counters", ["Counter", "#Count"], report.counters)}</details>`);
     }
@@ -164,7 +167,8 @@ function buildSearch(view, left) {
   left.append(node("h2", { class: "sv-h2" }, "Search"), form(field("Rates", rate), field("Ids", ids), start, cancel),
     node("div", { class: "sv-progress-place" }, bar), told, doing, list);
   live(list);
-  hexwire.onFacts((facts) => put(doing, facts.job || ""), doing);
+  // Its own search is told of beside its bar.
+  hexwire.onFacts((facts) => put(doing, (start.hidden ? "" : facts.job) || ""), doing);
 
   async function search() {
     start.hidden = true;
@@ -216,7 +220,7 @@ export function listMarkup({ found, selected }) {
     ];
   });
   return html`${rows.length > 0 && table(`Servos at ${found.rate}`, ["Id", "Model", "#deg", "#V", "#°C", "State"], rows)}
-    ${!rows.length && !found.elsewhere.length && html`<p class="sv-hint">No servo is known yet. Take control, then search.</p>`}
+    ${!rows.length && !found.elsewhere.length && html`<p class="sv-hint">No servo is known yet. A search finds them, and needs control.</p>`}
     ${found.elsewhere.map(([baud, ids]) => html`<p class="sv-hint">At ${baud} baud: ${ids.join(", ")}
       <button type="button" class="hw-button" data-do="rate" data-value="${baud}">Work at ${baud} baud</button></p>`)}`;
 }
