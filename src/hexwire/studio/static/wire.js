@@ -162,7 +162,7 @@ class WirePage {
       this.since = 0;
       this.rate = { number: page.newest, time: performance.now(), value: 0 };
       this.list.clear();
-      this.detail.clear("Select a frame in the list.");
+      this.detail.clear();
       if (!first) return;
     }
     this.since = page.next;
@@ -230,7 +230,7 @@ class WirePage {
 
   clear() {
     this.list.clear();
-    this.detail.clear("Select a frame in the list.");
+    this.detail.clear();
   }
 
   setPaused(paused) {

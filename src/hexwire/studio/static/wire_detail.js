@@ -3,6 +3,7 @@
 
 import { BAD, PROBLEM, SENT, SIZE, TEXT, TIME, clock } from "./wire_list.js";
 
+const SELECT = "Select a frame in the list to see its bytes and fields here. The filter 'not report' hides what a board sends by itself.";
 const WIDTH = 16;
 const MOST_PARTS = 1500;
 const MOST_BYTES = 8192;
@@ -52,10 +53,10 @@ export class Detail {
       box.addEventListener("pointerleave", () => this.mark(this.chosen));
       box.addEventListener("click", (event) => this.click(event, name));
     }
-    this.clear("Select a frame in the list.");
+    this.clear();
   }
 
-  clear(text) {
+  clear(text = SELECT) {
     this.data = null;
     this.chosen = null;
     this.head.replaceChildren(text);
