@@ -107,7 +107,7 @@ export async function mount(element, args) {
     state.rows = rows();
     const panels = new Set(state.rows.map((row) => row.series.panel ?? row.series.unit)).size;
     // The page is filled, and the table of values is in sight: beside the panels, or below them where there is no room.
-    const below = matchMedia("(max-width: 1100px)").matches ? Math.min(240, 34 + 21 * state.rows.length) : 0;
+    const below = matchMedia("(max-width: 960px)").matches ? Math.min(240, 34 + 21 * state.rows.length) : 0;
     const top = place.getBoundingClientRect().top + window.scrollY;
     const height = Math.max(260, window.innerHeight - top - below - 112, 130 * panels);
     const options = { title: "", fileName: `${hexwire.model.robot || "hexwire"} plot`, series: state.rows.map((row) => row.series), height,
