@@ -220,7 +220,7 @@ export function listMarkup({ found, selected }) {
     ];
   });
   return html`${rows.length > 0 && table(`Servos at ${found.rate}`, ["Id", "Model", "#deg", "#V", "#°C", "State"], rows)}
-    ${!rows.length && !found.elsewhere.length && html`<p class="sv-hint">No servo is known yet. A search finds them, and needs control.</p>`}
+    ${!rows.length && !found.elsewhere.length && html`<p class="sv-hint">No servo is known yet. Take control, then search.</p>`}
     ${found.elsewhere.map(([baud, ids]) => html`<p class="sv-hint">At ${baud} baud: ${ids.join(", ")}
       <button type="button" class="hw-button" data-do="rate" data-value="${baud}">Work at ${baud} baud</button></p>`)}`;
 }
