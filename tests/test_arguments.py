@@ -125,7 +125,8 @@ def test_every_verb_of_a_robot(robot: str) -> None:
         "packet": b"", "reply_length": 0, "rows": (), "mode": 0,
         "trajectory": TrajectoryPoints((0.0,), ((0.0,) * 6,)), "commands": JointCommands(("J1",), (0.0,)),
     }  # fmt: skip
-    own |= {"joint": joint, "target": JointTarget.of({joint: driver.read().positions[joint]})}
+    here = {joint: driver.read().positions[joint]}
+    own |= {"joint": joint, "positions": here, "duration": 0.02, "target": JointTarget.of(here)}
     assert assert_told(driver, own) >= {"servos": 15, "puma260": 21}.get(robot, 26)
     # And it is as it was.
     driver.resume()

@@ -26,7 +26,7 @@ _ELSEWHERE = {
     # What is written, or a folder.
     "bus backup file", "bus calibrate file", "teach file", "studio --recordings", "cert issue folder",
     "cert new folder", "fleet config folder", "model ros2-package folder", "record ros2 folder",
-    "analyzers install --folder", "analyzers remove --folder",
+    "analyzers install --folder", "analyzers remove --folder", "studio --urdf",
 }  # fmt: skip
 _ROUTER = "--router tls/127.0.0.1:1"
 _READS = {

@@ -16,6 +16,7 @@ from .values import StopMode
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
+    from hexwire.bus.servo_bus import ServoBus
     from hexwire.link.base import Link
     from hexwire.link.diagnose import Finding
     from hexwire.model.arm import ArmModel
@@ -290,7 +291,13 @@ class ServoTables(Ability):
 
 
 class BareServos(Ability):
-    """No board is before the servos: a program that sets them up can use the link to them."""
+    """No board is before the servos: a program that sets them up can use the link to them.
+
+    Attributes:
+        bus: Their bus.
+    """
+
+    bus: ServoBus
 
     @property
     @abstractmethod

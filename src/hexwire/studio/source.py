@@ -39,14 +39,15 @@ _NO_ARM = "no arm is open; choose a port on the page Arms"
 
 def _uncalibrated(driver: RobotDriver) -> str:
     """Why the angles of an arm may be wrong; empty if its servos are calibrated, or nobody here knows."""
-    from hexwire.drivers.bus_arm import BusArm
-    from hexwire.model.arms import assembly_of
+    from hexwire.drivers.registry import load_bus_arm
+    from hexwire.model.arms import assembled_arms
     from hexwire.setup.calibrating import not_calibrated, stored_calibration
 
-    if not isinstance(driver, BusArm) or not assembly_of(driver.described().model).joints:
+    bare, kind = BareServos.find(driver), driver.model.kind
+    if bare is None or kind not in assembled_arms():
         return ""
     try:
-        found = not_calibrated(stored_calibration(driver.bus, driver.model), driver.described().model)
+        found = not_calibrated(stored_calibration(bare.bus, driver.model), load_bus_arm(kind).described().model)
     except HexwireError:
         # A joint that does not answer is told of elsewhere.
         return ""
