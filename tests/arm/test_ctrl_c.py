@@ -170,7 +170,8 @@ else:
 print("stopped", arm.read().stopped, flush=True)
 if sys.argv[2] == "twice":
     arm.resume()
-    assert arm.home().arrived
+    # Not at full speed: a joint that lags under load, because the machine is busy, seems to have hit something.
+    assert arm.home(speed=0.2).arrived
 print("as before", signal.getsignal(signal.SIGINT) is handler, flush=True)
 arm.driver.detach()
 """
