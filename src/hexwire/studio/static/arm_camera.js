@@ -129,7 +129,8 @@ async function ofBrowser(device, ended) {
   element.srcObject = stream;
   // Unplugged, or taken back by the person.
   track.addEventListener("ended", ended);
-  element.play();
+  // Its tile may be closed before the first picture.
+  element.play().catch(() => {});
   let sharing = null;
   const share = (is, refused) => {
     sharing?.close();
