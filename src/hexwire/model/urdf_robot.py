@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 from hexwire.errors import ConfigError
 
 from .pose import Vector
+from .shapes import Drive
 
 __all__ = ["UrdfJoint", "UrdfLink", "UrdfRobot", "UrdfVisual", "parse_urdf"]
 
@@ -69,9 +70,7 @@ class UrdfJoint:
         rpy: Its turn there, radians.
         axis: In the child's frame, of length 1; None for a joint that does not move.
         slides: It moves along the axis, not about it.
-        drive: Joint whose position it follows: itself, or another one.
-        multiplier: Its position is this times the position of `drive` ...
-        offset: ... plus this, radians or metres.
+        drive: What moves it: itself, or another joint; the offset of one that slides is in metres.
     """
 
     name: str
@@ -81,9 +80,7 @@ class UrdfJoint:
     rpy: Vector
     axis: Vector | None
     slides: bool
-    drive: str
-    multiplier: float = 1.0
-    offset: float = 0.0
+    drive: Drive
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,11 +201,12 @@ class _UrdfReader:
         if moves and length < 1e-6:
             raise self.fault(f"joint {name}: its axis has no length")
         mimic = element.find("mimic")
-        drive, factor, offset = name, 1.0, 0.0
+        drive = Drive(name)
         if mimic is not None:
-            drive = self.text(mimic, "joint")
+            leads = self.text(mimic, "joint")
             (factor,) = self.numbers(mimic.get("multiplier", "1"), 1)
             (offset,) = self.numbers(mimic.get("offset", "0"), 1)
+            drive = Drive(leads, factor, offset)
         return UrdfJoint(
             name,
             self.text(element.find("parent"), "link"),
@@ -218,8 +216,6 @@ class _UrdfReader:
             (axis[0] / length, axis[1] / length, axis[2] / length) if moves else None,
             element.get("type") == "prismatic",
             drive,
-            factor,
-            offset,
         )
 
     def tree(self, links: list[UrdfLink], joints: list[UrdfJoint]) -> list[UrdfLink]:

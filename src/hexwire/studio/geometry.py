@@ -17,7 +17,8 @@ from hexwire.model.shapes import COLOURS, Shape, rod
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
     from hexwire.model.kinematics import KinematicModel
-    from hexwire.model.shapes import ArmShapes, ShapeJoint
+    from hexwire.model.pose import Vector
+    from hexwire.model.shapes import ArmShapes, Drive, ShapeJoint
     from hexwire.model.urdf_robot import UrdfJoint, UrdfRobot, UrdfVisual
 
 __all__ = ["make_geometry", "make_turns", "make_urdf_geometry"]
@@ -86,7 +87,7 @@ def make_urdf_geometry(robot: UrdfRobot, arm: ArmModel, meshes: Mapping[str, tup
     for name, i in place.items():
         if (joint := joints.get(name)) is not None:
             parent = place[joint.parent]
-            depths[i] = depths[parent] + (joint.drive in order)
+            depths[i] = depths[parent] + (joint.drive.joint in order)
             distances[i] = distances[parent] + math.hypot(*joint.place)
     reach = min(max(*distances, 0.05), 20.0)
     rows = []
@@ -126,21 +127,9 @@ def make_urdf_geometry(robot: UrdfRobot, arm: ArmModel, meshes: Mapping[str, tup
 
 
 def _urdf_frame(joint: UrdfJoint | None, place: Mapping[str, int], order: Mapping[str, int]) -> dict[str, Any]:
-    if joint is None:
-        return {"parent": -1, "place": [0.0] * 3, "turn": [0.0, 0.0, 0.0, 1.0]}
-    frame: dict[str, Any] = {
-        "parent": place[joint.parent],
-        "place": _rounded(joint.place),
-        "turn": _rounded(quaternion(rotation_from_rpy(*joint.rpy))),
-    }
-    if joint.axis is not None and joint.drive in order:
-        frame |= {
-            "axis": list(joint.axis),
-            "joint": order[joint.drive],
-            "multiplier": joint.multiplier,
-            "offset": joint.offset,
-            "slides": joint.slides,
-        }
+    frame = _rest(joint, place)
+    if joint is not None and joint.axis is not None and joint.drive.joint in order:
+        frame |= _motion(joint.axis, joint.drive, order) | {"slides": joint.slides}
     return frame
 
 
@@ -189,21 +178,31 @@ def make_turns(arm: ArmModel, kinematics: KinematicModel) -> list[dict[str, Any]
 
 
 def _frame(joint: ShapeJoint | None, place: Mapping[str, int], order: Mapping[str, int]) -> dict[str, Any]:
+    frame = _rest(joint, place)
+    if joint is not None and joint.axis is not None and joint.drive is not None:
+        frame |= _motion(joint.axis, joint.drive, order)
+    return frame
+
+
+def _rest(joint: ShapeJoint | UrdfJoint | None, place: Mapping[str, int]) -> dict[str, Any]:
+    """Where the frame of the link behind a joint is at position 0."""
     if joint is None:
         return {"parent": -1, "place": [0.0] * 3, "turn": [0.0, 0.0, 0.0, 1.0]}
-    frame: dict[str, Any] = {
+    return {
         "parent": place[joint.parent],
         "place": _rounded(joint.place),
         "turn": _rounded(quaternion(rotation_from_rpy(*joint.rpy))),
     }
-    if joint.axis is not None and joint.drive is not None:
-        frame |= {
-            "axis": list(joint.axis),
-            "joint": order[joint.drive.joint],
-            "multiplier": joint.drive.multiplier,
-            "offset": joint.drive.offset,
-        }
-    return frame
+
+
+def _motion(axis: Vector, drive: Drive, order: Mapping[str, int]) -> dict[str, Any]:
+    """How a joint of the arm moves that frame."""
+    return {
+        "axis": list(axis),
+        "joint": order[drive.joint],
+        "multiplier": drive.multiplier,
+        "offset": drive.offset,
+    }
 
 
 def _shape(shape: Shape, order: Mapping[str, int]) -> dict[str, Any]:

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from hexwire.control.motion.hold_to_run import SILENCE
@@ -124,10 +125,7 @@ class Source:
 
     def _open(self, url: str, robot: str | None, kept: Link | None, settings: Mapping[str, object]) -> ArmSource:
         """Open an arm, over a link that is there already if one is given: an emulated arm goes on as it is."""
-        self._close()
-        self.opening, self.error, self.refused = url, "", ""
-        self._on_change()
-        try:
+        with self._opening(url):
             # Whoever opens it sees at once why it fails, and tries again.
             given: dict[str, object] = {"port": url, "connect_timeout": 0.0, **settings}
             if robot:
@@ -144,6 +142,16 @@ class Source:
                 arm.shutdown()
                 raise
             self.arm = arm
+        return arm
+
+    @contextmanager
+    def _opening(self, url: str) -> Iterator[None]:
+        """Close what is open; the block opens something else. Pages are told of that, and why it fails."""
+        self._close()
+        self.opening, self.error, self.refused = url, "", ""
+        self._on_change()
+        try:
+            yield
             self.opened += 1
         except HexwireError as error:
             self.error, self.refused = str(error), url
@@ -151,7 +159,6 @@ class Source:
         finally:
             self.opening = ""
             self._on_change()
-        return arm
 
     def open_bus(self, url: str = "") -> BusSource:
         """Close what is open, and open a bare servo bus; its servos keep their torque as it is.
@@ -179,10 +186,7 @@ class Source:
             series = (
                 [joint.series for joint in self.arm.settings.model.joints] if self.arm and link else ["sts_sms"]
             )
-            self._close()
-            self.opening, self.error, self.refused = url, "", ""
-            self._on_change()
-            try:
+            with self._opening(url):
                 tap = self._wire.begin(url)
                 # A rate in the address, or that of the factory.
                 link = tap(link if link is not None else ServoBus.from_url(url).link)
@@ -192,13 +196,6 @@ class Source:
                 warn_of_reset(link)
                 bus.open()
                 self.bus = BusSource(bus, self.silence)
-                self.opened += 1
-            except HexwireError as error:
-                self.error, self.refused = str(error), url
-                raise
-            finally:
-                self.opening = ""
-                self._on_change()
             return self.bus
 
     def close(self) -> None:
