@@ -9,7 +9,8 @@ from __future__ import annotations
 import asyncio
 import re
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -33,8 +34,6 @@ if TYPE_CHECKING:
         ViewportSize,
         WebError,
     )
-
-    from hexwire.studio.guard import Guard
 
 _SERVERS_OWN = re.compile(
     r"AnyIO worker thread|asyncio_\d+|(studio|fleet) stops(_\d+)?|studio( orders| pages| files)?_\d+"
@@ -81,13 +80,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningStudio]:
     from hexwire.studio.server import Server, make_app
 
     studio = Studio(Access(frozenset()), tmp_path_factory.mktemp("recordings"), Foxglove("hexwire studio"))
-    guards: list[Guard] = []
-
-    def app(on_started: Callable[[], object]) -> Guard:
-        guards.append(make_app(studio, on_started))
-        return guards[0]
-
-    server = Server(app, studio.access)
+    server = Server(partial(make_app, studio), studio.access)
     port = server.bind()
     studio.access.hosts = frozenset({f"127.0.0.1:{port}", f"localhost:{port}"})
     ready = threading.Event()
@@ -95,7 +88,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningStudio]:
     thread.start()
     assert ready.wait(PATIENCE)
     try:
-        yield RunningStudio(studio, f"http://127.0.0.1:{port}", guards[0])
+        yield RunningStudio(studio, f"http://127.0.0.1:{port}")
     finally:
         server.end()
         thread.join(PATIENCE)
@@ -104,8 +97,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningStudio]:
 
 @pytest.fixture
 def studio(served: RunningStudio) -> Iterator[RunningStudio]:
-    """The studio on a fresh emulated Hex7Bot; no sockets of an earlier test take the places that there are."""
-    served.until(lambda: not served.guard._sockets.total(), "the end of all sockets")
+    """The studio on a fresh emulated Hex7Bot."""
     served.open()
     try:
         yield served

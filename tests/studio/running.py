@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from hexwire.emulator.servo import EmulatedServo
     from hexwire.studio.app import Studio
-    from hexwire.studio.guard import Guard
 
 __all__ = ["PATIENCE", "RunningStudio", "Visitor", "attempt", "expect", "fill_history", "hold", "press", "until"]
 
@@ -102,11 +101,10 @@ class RunningStudio:
     Attributes:
         studio: The studio.
         url: Its address, without a token.
-        guard: Its gate.
     """
 
-    def __init__(self, studio: Studio, url: str, guard: Guard) -> None:
-        self.studio, self.url, self.guard = studio, url, guard
+    def __init__(self, studio: Studio, url: str) -> None:
+        self.studio, self.url = studio, url
 
     @property
     def operate_url(self) -> str:
