@@ -74,6 +74,17 @@ class Servo:
         values = [self.position(begin), self.position(end), *inside]
         return min(values), max(values)
 
+    def may_have_had(self, begin: float, end: float) -> tuple[float, float]:
+        """Least and greatest position in a time, from the row before it to the row after it.
+
+        A board that stalls writes nothing down meanwhile, and a servo that brakes is not on the straight line between
+        its rows.
+        """
+        rows = self.positions[
+            max(bisect.bisect_right(self.times, begin) - 1, 0) : bisect.bisect_left(self.times, end) + 1
+        ]
+        return min(rows), max(rows)
+
 
 class BoardLog:
     """The log of a board that may go on; `servos` is what it says so far, by id."""
@@ -223,8 +234,8 @@ def violations(
                 found.append(f"at {row['t'] - begin:.2f} s client {row['client']} read another board")
         elif row["e"] == "state":
             for number, counts, age in zip(row["ids"], row["counts"], row["age"], strict=True):
-                # The board may stall after an answer, before it writes down where the servo was.
-                low, high = servos[number].had(row["stamp"] - age - LATE - row.get("doubt", 0.0), row["t"] + LATE)
+                earliest = row["stamp"] - age - LATE - row.get("doubt", 0.0)
+                low, high = servos[number].may_have_had(earliest, row["t"])
                 if math.isfinite(counts) and not low - ROUNDING <= counts <= high + ROUNDING:
                     since = row["t"] - row["stamp"] + age
                     found.append(

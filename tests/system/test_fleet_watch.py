@@ -23,8 +23,11 @@ def servo(*moves: tuple[float, float]) -> dict[int, Servo]:
     for begin, target in moves:
         here = log.positions[-1]
         log.add(begin, 1, log.targets[-1], here)
-        log.add(begin, 1, target, here)
-        log.add(begin + abs(target - here) / 100, 1, target, target)
+        steps = max(1, round(abs(target - here)))
+        for step in range(steps + 1):
+            log.add(
+                begin + step * abs(target - here) / steps / 100, 1, target, here + step * (target - here) / steps
+            )
     return {4: log}
 
 
@@ -126,6 +129,16 @@ def test_a_position_that_the_servo_did_not_have_is_found(
     found = check(servo((2.0, 2200.0)), held().reads(3.0, counts, age, arrived))
     assert bool(found) is not true
     assert true or "of servo 4, which had" in found[0]
+
+
+def test_a_servo_was_anywhere_between_its_rows_while_its_board_stalled() -> None:
+    log = Servo()
+    for time, position in ((0.0, 2331.0), (3.0, 2331.0), (3.12, 2308.0), (END, 2308.0)):
+        log.add(time, 1, 2308.0, position)
+    # It was at rest since 3.06 s, which the straight line between the rows does not show.
+    assert not check({4: log}, held().reads(3.08, 2308.0, arrived=3.09))
+    assert check({4: log}, held().reads(3.08, 2306.0, arrived=3.09))
+    assert check({4: log}, held().reads(3.18, 2331.0, arrived=3.2))
 
 
 def test_a_state_of_another_board_is_found() -> None:
