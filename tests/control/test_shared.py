@@ -403,9 +403,18 @@ def test_pre_emption_ends_the_former_holders_right_then_holds_then_grants() -> N
     bench.keep(key, 1.0)
     seen: list[object] = []
     write = bench._write
-    bench._write = lambda target: (seen.append(bench.shared.holder), write(target))[1]  # type: ignore[method-assign]
+
+    def holding(target: JointTarget) -> Any:
+        seen.append((bench.shared.holder, bench.shared.holder_name))
+        return write(target)
+
+    bench._write = holding  # type: ignore[method-assign]
     eve = bench.take("Eve", force=True)
-    assert seen == [None], "nobody holds it while the arm is made to hold"
+    assert seen == [(None, "Eve")], "nobody holds it while the arm is made to hold, and it is known who will"
+    assert bench.shared.holder_name == "Eve"
+    bench.shared.leave(eve, finish=False)
+    assert bench.shared.holder_name == ""
+    eve = bench.take("Eve", force=True)
     assert bench.shared.holder is not None
     assert bench.shared.holder.key == eve
     bench.turn(0.3)

@@ -459,7 +459,6 @@ class ArmSource:
         missing = [name for name in names if name not in known]
         probe = owner.probe if known else None
         trips, leased = self._trips() if known else (), Leased.find(driver)
-        holder = self.shared.holder
         reason, taught = owner.group.reason, self.motions.taught
         flags = {joint.name: joint.flags for joint in state or ()}
         found = {name: flags[name].faults if name in known else JointFlag.SILENT for name in names}
@@ -483,7 +482,7 @@ class ArmSource:
             "round_trip_ms": round(1000.0 * trips[-1], 2) if trips else None,
             "faults": [f"{name}: {fault}" for name, fault in found.items() if fault] if known else None,
             # That of an arm which another program serves, if nobody here has control.
-            "holder": holder.client if holder is not None else "" if leased is None else leased.holder,
+            "holder": self.shared.holder_name or ("" if leased is None else leased.holder),
             "lost": self.shared.held,
             "stopped": str(reason) if reason is not None else "latched" if latched else "",
             "stops": self.stops,

@@ -99,6 +99,7 @@ class Lease:
 
     Attributes:
         holder: The present holder, or None.
+        heir: Name of the client that is about to get it, while the arm is made to hold; empty if nobody is.
         ended: How the last lease ended, in words; empty if it was given back, or if somebody has taken it since.
         counters: What was refused, and how leases ended.
     """
@@ -107,6 +108,7 @@ class Lease:
     max_age: float = MAX_AGE
     new_key: Callable[[], int] = field(default=lambda: secrets.randbits(_ID_BITS) + 1, repr=False)
     holder: Grant | None = None
+    heir: str = ""
     ended: str = ""
     counters: LeaseCounters = field(default_factory=LeaseCounters)
     _former: tuple[int, str] = field(default=(0, ""), repr=False)
@@ -140,13 +142,14 @@ class Lease:
                 f"{holder.client} holds the lease, and your role may not take it", holder=holder.client
             )
 
-    def revoke(self, why: str) -> Grant | None:
+    def revoke(self, why: str, heir: str = "") -> Grant | None:
         """End the lease of a holder that is pre-empted; returns the former holder, None if it has left already.
 
         Args:
             why: In words.
+            heir: Name of the client that takes it next.
         """
-        former, self.holder = self.holder, None
+        former, self.holder, self.heir = self.holder, None, heir
         if former is None or former.finishing:
             return None
         self.counters.preempted += 1

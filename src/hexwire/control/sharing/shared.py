@@ -250,6 +250,13 @@ class SharedArm:
         return self._lease.holder
 
     @property
+    def holder_name(self) -> str:
+        """Who has the lease, or is about to get it while the arm is made to hold; empty if nobody."""
+        with self._changed:
+            holder = self._lease.holder
+            return holder.client if holder is not None else self._lease.heir
+
+    @property
     def held(self) -> str:
         """Why the arm holds, in words: a lost lease; empty if it does not."""
         return self._lease.ended
@@ -311,7 +318,7 @@ class SharedArm:
                 self._lease.check_take(rank, force=force)
                 former = self._lease.holder
                 why = f"{client} took the lease from {former.client}" if former else ""
-                former = self._lease.revoke(why)
+                former = self._lease.revoke(why, client)
             if former is not None:
                 _log.warning("%s", why)
                 self._hold(why)
