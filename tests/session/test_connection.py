@@ -290,6 +290,40 @@ def test_a_host_that_wraps_seq_within_the_window_never_gets_an_old_answer(rate: 
     assert b.counters.repeats == 0
 
 
+@pytest.mark.parametrize("rate", [129, 300, 1000])
+def test_what_is_asked_after_a_stop_is_done_however_fast_seq_wraps(rate: int) -> None:
+    """The board refuses repeats of what it did before a stop, and seq comes round within the time of that."""
+    h, b = host(), board()
+    cases = [
+        (Command.RESUME, b""),
+        (Command.TORQUE, b"\1\x7f"),
+        (Command.TORQUE, b"\0\x7f"),
+        (Command.MAINTENANCE, b"\1"),
+        (Command.WATCHDOG, b"\0\0\0"),
+    ]
+
+    def asked(cmd: int, body: bytes, now: float) -> int:
+        h.request(cmd, body, now)
+        for data in h.data_to_send():
+            for request in ask(b, data, now):
+                if cmd == Command.STOP:
+                    b.take_stop(now)
+                b.reply(request, 0, b"", now)
+        for data in b.data_to_send():
+            h.receive(data, now)
+        return one_reply(h).status
+
+    # Every request comes again at a distance of 256 numbers.
+    for i in range(0, 12 * 256, 32):
+        cmd, body = cases[i // 32 % 8 % len(cases)]
+        for part in range(29):
+            assert asked(Command.JOINT_STATE, b"\x3f", (i + part) / rate) == 0
+        assert asked(Command.STOP, b"\0", (i + 29) / rate) == 0
+        assert asked(cmd, body, (i + 30) / rate) == 0, (i, cmd)
+        assert asked(Command.RESUME, b"", (i + 31) / rate) == 0, i
+    assert len(h._used) <= 3 * rate
+
+
 def test_a_host_that_starts_anew_is_not_taken_for_its_own_repeat() -> None:
     b = board()
     done = 0

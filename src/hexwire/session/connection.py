@@ -21,6 +21,7 @@ from hexwire.wire.tables import EXT_REPLY, EXT_STATUS_MASK, EXT_UNSOLICITED, PRO
 from .conversation import Conversations, Numbers
 from .decoder import FrameDecoder
 from .dialect1 import UNKNOWN_COMMAND_PACKET, ChapterHost
+from .effects import Effect, effect_of
 from .events import (
     BadFrame,
     ConnectionCounters,
@@ -41,6 +42,9 @@ from .several import SeveralRequests
 __all__ = ["Connection", "ConnectionCounters", "Pending", "ReplyStore", "Role"]
 
 _MAX_OPEN = 48
+_NUMBERS = 256
+_FORGOTTEN = tables.REPEAT_WINDOW + 0.5
+"""Seconds after its end for which a request that a stop has voided is remembered, and what clocks may differ."""
 """Requests without a reply: a board queues 24 and 16 stops, and executes one."""
 _MAX_VOIDED = 1024
 """More requests than a serial line carries in 2 s."""
@@ -253,6 +257,8 @@ class Connection(FrameMaker):
         self._events = EventQueue(self.counters)
         self._ticket = 0
         self._pending: dict[int, Pending] = {}
+        # When a board has forgotten a request that acts, by its number, command and hash of the body.
+        self._used: dict[tuple[int, int, int], float] = {}
         self._chapter = ChapterHost(self, self.decoder, self._events, self.policy)
         self.several = SeveralRequests(self, self._events)
         self._replies = ReplyStore()
@@ -361,8 +367,9 @@ class Connection(FrameMaker):
         if self.dialect == PROTO_CHAPTER:
             self._chapter.request(ticket, cmd, body, now, window, attempts, urgent)
             return ticket
-        seq = self.take_number()
-        pending = Pending(ticket, cmd, body, seq, window or self.policy.window, attempts, urgent=urgent)
+        window = window or self.policy.window
+        seq = self.take_number(cmd, body, now, now + attempts * window)
+        pending = Pending(ticket, cmd, body, seq, window, attempts, urgent=urgent)
         self._transmit(pending, now)
         self._pending[seq] = pending
         return ticket
@@ -373,17 +380,40 @@ class Connection(FrameMaker):
         self.counters.requests += 1
         return self._ticket
 
-    def take_number(self) -> int:
-        """Take the number of a new request; LocalProtocolError if all are in use."""
-        seq = self.seq
-        while True:
-            seq = (seq + 1) & 0xFF
-            if seq not in self._pending and seq not in self.several:
+    def take_number(self, cmd: int, body: bytes, now: float, end: float) -> int:
+        """Take the number of a new request; LocalProtocolError if all are in use.
+
+        A board that a stop has reached takes a request for a repeat of an earlier one with this number, command and
+        body, and refuses it. So one that is not simply asked again gets a number of its own for as long as that.
+
+        Args:
+            cmd: Command code.
+            body: Its body.
+            now: Seconds, monotonic.
+            end: When the request is over at the latest.
+        """
+        seq, known, used = self.seq, hash(body), self._used
+        acts = effect_of(self.dialect, cmd, body) not in (Effect.NONE, Effect.STOP)
+        # A signal handler may make a request at any line.
+        while (first := next(iter(used), None)) is not None and used.get(first, now) <= now:
+            used.pop(first, None)
+        free = None
+        for _ in range(_NUMBERS):
+            seq = (seq + 1) % _NUMBERS
+            if seq in self._pending or seq in self.several:
+                continue
+            if free is None:
+                free = seq
+            if not acts or (seq, cmd, known) not in used:
+                free = seq
                 break
-            if seq == self.seq:
-                raise LocalProtocolError("256 requests are outstanding and unanswered; wait for replies first")
-        self.seq = seq
-        return seq
+        if free is None:
+            raise LocalProtocolError("256 requests are outstanding and unanswered; wait for replies first")
+        self.seq = free
+        if acts:
+            used.pop(key := (free, cmd, known), None)
+            used[key] = end + _FORGOTTEN
+        return free
 
     @property
     def in_conversation(self) -> bool:

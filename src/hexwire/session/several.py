@@ -72,7 +72,7 @@ class Numbered(Protocol):
     def take_ticket(self) -> int:
         """The ticket of a new request."""
 
-    def take_number(self) -> int:
+    def take_number(self, cmd: int, body: bytes, now: float, end: float) -> int:
         """Its sequence number."""
 
     def put(self, data: bytes, *, urgent: bool) -> None:
@@ -141,10 +141,9 @@ class SeveralRequests:
             )
         wanted = to.address.modules if isinstance(to.address, Multicast) else frozenset(to.known)
         policy = maker.policy
-        ticket, seq = maker.take_ticket(), maker.take_number()
-        asked = _ToSeveral(
-            ticket, cmd, body, seq, to.address, wanted, window or policy.window, attempts or policy.attempts, urgent
-        )
+        window, attempts = window or policy.window, attempts or policy.attempts
+        ticket, seq = maker.take_ticket(), maker.take_number(cmd, body, now, now + attempts * window)
+        asked = _ToSeveral(ticket, cmd, body, seq, to.address, wanted, window, attempts, urgent)
         self._transmit(asked, now)
         self._asked[seq] = asked
         return ticket
