@@ -77,8 +77,8 @@ class Servo:
     def may_have_had(self, begin: float, end: float) -> tuple[float, float]:
         """Least and greatest position in a time, from the row before it to the row after it.
 
-        A board that stalls writes nothing down meanwhile, and a servo that brakes is not on the straight line between
-        its rows.
+        A board that stalls writes nothing down meanwhile, and a servo that brakes is not on the straight line
+        between its rows.
         """
         rows = self.positions[
             max(bisect.bisect_right(self.times, begin) - 1, 0) : bisect.bisect_left(self.times, end) + 1
