@@ -116,7 +116,7 @@ def test_every_page_opens_without_a_fault_and_fits_a_phone(page: Page) -> None:
 
 _DRAWN = {
     "/move": "#arm-view canvas",
-    "/servos": ".sv-board .sv-table",
+    "/servos": ".sv-list .sv-table",
     "/signals": ".uplot",
     "/wire": ".hw-wire-list",
     "/recordings": ".rc-list",

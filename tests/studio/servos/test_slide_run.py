@@ -95,7 +95,7 @@ def test_a_bare_servo_moves_by_steps_and_while_its_button_is_held(bench: Bench) 
 def test_a_servo_behind_a_board_moves_as_its_joint(studio: RunningStudio, operator: Page) -> None:
     studio.torque()
     operator.get_by_role("link", name="Servos", exact=True).click()
-    operator.get_by_label("Servo to move").select_option(label="J2, servo 1")
+    operator.get_by_role("button", name="J2, servo 1").click()
     before = studio.arm.owner.newest().positions["J2"]
     operator.get_by_label("steps of 1 degrees or millimetres", exact=True).check()
     operator.get_by_role("button", name="Jog J2 up").click()

@@ -1,15 +1,16 @@
 // The page Servos: a list at the left, one servo at the right; on a phone one below the other. Owns the order of the parts,
-// the search and the list; where an arm is open, what its protocol tells of its servos. Must not know what a servo may do.
+// the search and the lists: of a bus, or of an arm that is open, whose protocol tells of its servos. Must not know what a servo may do.
 
 import hexwire from "./live.js";
 import { backup, identity, registers } from "./servos_settings.js";
-import { health, overview, stress, wave } from "./servos_checks.js";
+import { health, ofJoint, overview, stress, wave } from "./servos_checks.js";
 import { calibration, setUp } from "./servos_calibration.js";
-import { View, button, choice, field, form, frames, hint, live, progress, put, row, section, table } from "./servos_kit.js";
-import { download, fill, html, loadSheet, node, question } from "./widgets.js";
+import { View, button, choice, field, form, frames, hint, live, progress, put, row, table } from "./servos_kit.js";
+import { fill, html, loadSheet, node, question } from "./widgets.js";
 
 const PARTS = {
   overview: ["Overview", overview],
+  joint: ["Overview", ofJoint],
   registers: ["Registers", registers],
   identity: ["Id and rate", identity],
   middle: ["Calibration", calibration],
@@ -53,87 +54,75 @@ async function closed(element, facts, operates) {
   if (known) put(warning, `If a controller board is there instead: ${known.warning}.`);
 }
 
-/** The servos of an arm that is open, and the way to the bare servos. */
+/** The servos of an arm that is open, laid out as those of a bus; and the way to the bare servos. */
 async function board(element, facts) {
   const view = new View(facts.opened);
   const found = await view.act("board.servos");
   if (!found || !element.isConnected) return;
-  const place = node("section", { class: "sv-board", "aria-label": "The arm and its servos" });
-  const switchOver = async () => {
-    const text = "The arm is closed: motions end, joints with torque keep it and hold where they are.\nSTOP then reaches the servos directly.";
-    if (await question("Work at the servos", text, "Close the arm, open its servos", "accent")) view.act("open_bus");
+  const { left, right } = columns(element);
+  const list = node("div", { class: "sv-list" }), more = node("div");
+  fill(list, table("Servos of the arm", ["Joint", "#°", "#V", "#°C", "State"], found.joints.map(({ name, servo }, i) => [
+    html`<button type="button" class="sv-pick" aria-label="${name}, servo ${servo}">${name}</button>
+      <span class="sv-chip">servo ${servo}<span data-told="${i}"></span></span>`,
+    ...["position", "voltage", "temperature", "flags"].map((each) => html`<span data-frame="${each}" data-joint="${i}">–</span>`),
+  ])));
+  frames(list);
+  const picks = [...list.querySelectorAll(".sv-pick")];
+  const tell = (i, words, level) => put(list.querySelector(`[data-told="${i}"]`), `, ${words}`, level);
+  const select = (at) => {
+    view.joint = { ...found.joints[at], i: at };
+    view.selected = view.joint.servo;
+    picks.forEach((pick, i) => pick.setAttribute("aria-pressed", String(i === at)));
+    view.redraw();
   };
-  if (found.bare) {
-    place.append(
-      hint("The arm is open as a whole. Registers, ids, rates, calibration and waves need its servos one by one: this closes the arm, and joints with torque hold where they are."),
-      button("Work at the servos", switchOver, { level: "accent" }));
-  } else {
-    place.append(hint("A board is between this computer and the servos, and answers for them. Registers are read through it at any time, and written while no joint has torque; ids and rates need an adapter on the servo bus itself."));
-  }
-  const now = node("div"), told = node("div");
-  const names = ["position", "velocity", "load", "voltage", "temperature", "current", "flags"];
-  fill(now, table("Servos of the arm", ["Joint", "#Servo", "#°", "#°/s", "#Load %", "#V", "#°C", "#A", "Condition"],
-    found.joints.map(({ name, servo }, i) => [name, servo, ...names.map((each) => html`<span data-frame="${each}" data-joint="${i}">–</span>`)])));
-  frames(now);
+  picks.forEach((pick, i) => pick.addEventListener("click", () => select(i)));
   const ask = async () => {
     const report = await view.act("board.ask");
-    if (report) {
-      // What a board does not tell of any servo has no column.
-      const known = (_, i) => report.servos.some((cells) => cells[i] !== "");
-      const heads = ["Joint", "#Servo", "Series", "Present", "Supply limits", "Remarks"].filter(known);
-      fill(told, html`${table("What each servo is", heads, report.servos.map((cells) => cells.filter(known)))}
-        ${report.firmware && html`<p class="sv-hint">${report.firmware}</p>`}
-        <details class="sv-details"><summary>Details: counters that are not 0</summary>${table("Counters", ["Counter", "#Count"], report.counters)}</details>`);
-    }
+    if (!report) return;
+    report.servos.forEach(([, , series, present], i) => tell(i, present === "yes" ? series : present, present === "yes" ? "" : "error"));
+    view.kinds = report.servos;
+    view.tell();
+    fill(more, html`${report.firmware && html`<p class="sv-hint">${report.firmware}</p>`}
+      <details class="sv-details"><summary>Details: counters that are not 0</summary>${table("Counters", ["Counter", "#Count"], report.counters)}</details>`);
   };
   const ping = async () => {
     const answers = await view.act("board.ping");
-    if (answers) fill(told, table("Pings", ["Joint", "#Servo", "Answer"], answers));
+    answers?.forEach(([, , words], i) => tell(i, `ping: ${words}`, words === "ok" ? "ok" : "error"));
   };
-  place.append(...section("Now", "", "h2"), now, ...section(found.bare ? "Line" : "Board", "", "h2"), row(button("Ask again", ask), button("Ping every servo", ping)), told);
-  element.append(place);
-  if (hexwire.operates) moves(view, place, found.joints);
-  if (!found.bare && hexwire.operates) boardParts(view, place, found.joints);
+  left.append(node("h2", { class: "sv-h2" }, "Servos"), list, row(button("Ask again", ask), button("Ping every servo", ping)), more);
+  if (found.bare) {
+    const switchOver = async () => {
+      const text = "The arm is closed: motions end, joints with torque keep it and hold where they are.\nSTOP then reaches the servos directly.";
+      if (await question("Work at the servos", text, "Close the arm, open its servos", "accent")) view.act("open_bus");
+    };
+    left.append(hint("The arm is open as a whole. Registers, ids, rates, calibration and waves need its servos one by one: this closes the arm, and joints with torque hold where they are."),
+      button("Work at the servos", switchOver, { level: "accent" }));
+  } else {
+    left.append(hint("A board answers for the servos. Registers are read through it at any time, and written while no joint has torque; ids and rates need an adapter on the servo bus itself."));
+  }
+  const kept = !found.bare && hexwire.operates;
+  buildParts(view, right, kept ? ["joint", "registers", "health", "backup"] : ["joint", "health"]);
+  select(0);
   ask();
 }
 
-/** One servo moved by hand, as a joint of the arm. */
-function moves(view, place, joints) {
-  const which = choice(joints.map(({ name, servo }, i) => [i, `${name}, servo ${servo}`])), body = node("div");
-  const draw = () => import("./servos_move.js").then(({ moveJoint }) => body.isConnected && moveJoint(view, body, hexwire.model.joints, Number(which.value)));
-  which.addEventListener("change", draw);
-  place.append(...section("Move one servo", "As its joint on the page Move: while you hold its marker, an arrow key or a button; or by exact steps.", "h2"), form(field("Servo to move", which)), body);
-  draw();
-}
-
-/** What the servos behind a board keep, and their health. */
-function boardParts(view, place, joints) {
-  const which = choice(joints.map(({ name, servo }) => [name, `${name}, servo ${servo}`])), right = node("div");
-  const draw = () => {
-    const i = joints.findIndex(({ name }) => name === which.value);
-    view.joint = { name: joints[i].name, i };
-    view.selected = joints[i].servo;
-    view.redraw();
-  };
-  which.addEventListener("change", draw);
-  place.append(...section("One servo", "", "h2"), form(field("Servo", which)), right);
-  view.part = "registers";
-  buildParts(view, right, ["registers", "health", "backup"]);
-  draw();
+function columns(element) {
+  const left = node("section", { class: "sv-left", "aria-label": "Servos found" });
+  const right = node("section", { class: "sv-right", "aria-label": "One servo" });
+  const both = node("div", { class: "sv-columns" }, left, right);
+  element.append(both);
+  return { left, right, both };
 }
 
 // -- a bus -------------------------------------------------------------------------------------------------------
 
 async function workbench(element, facts) {
   const view = new View(facts.opened);
-  const left = node("section", { class: "sv-left", "aria-label": "Servos found" });
-  const right = node("section", { class: "sv-right", "aria-label": "One servo" });
-  const columns = node("div", { class: "sv-columns" }, left, right);
-  element.append(columns);
+  const { left, right, both } = columns(element);
   buildSearch(view, left);
-  buildParts(view, right);
-  silenced(columns);
-  hexwire.onServos(({ rows }) => rows.forEach((one) => view.live.set(one.id, one)), columns);
+  buildParts(view, right, Object.keys(PARTS).filter((name) => name !== "joint"));
+  silenced(both);
+  hexwire.onServos(({ rows }) => rows.forEach((one) => view.live.set(one.id, one)), both);
   const close = async () => {
     if (await question("Close the servo bus", "Servos with torque keep it and hold where they are.", "Close it", "accent")) view.act("close");
   };
@@ -219,13 +208,14 @@ export function listMarkup({ found, selected }) {
         <span class="sv-state" data-live="state" data-id="${id}"></span>`,
     ];
   });
-  return html`${rows.length > 0 && table(`Servos at ${found.rate}`, ["Id", "Model", "#deg", "#V", "#°C", "State"], rows)}
+  return html`${rows.length > 0 && table(`Servos at ${found.rate}`, ["Id", "Model", "#°", "#V", "#°C", "State"], rows)}
     ${!rows.length && !found.elsewhere.length && html`<p class="sv-hint">No servo is known yet. Take control, then search.</p>`}
     ${found.elsewhere.map(([baud, ids]) => html`<p class="sv-hint">At ${baud} baud: ${ids.join(", ")}
       <button type="button" class="hw-button" data-do="rate" data-value="${baud}">Work at ${baud} baud</button></p>`)}`;
 }
 
-function buildParts(view, right, names = Object.keys(PARTS)) {
+function buildParts(view, right, names) {
+  [view.part] = names;
   const body = node("div", { class: "sv-part", role: "tabpanel", tabindex: "0" });
   const tabs = node("div", { class: "sv-tabs", role: "tablist", "aria-label": "Parts" },
     ...names.map((name) => node("button", { type: "button", role: "tab", class: "sv-tab", "data-part": name }, PARTS[name][0])));
@@ -256,10 +246,9 @@ function buildParts(view, right, names = Object.keys(PARTS)) {
     if (part === setUp) setUp(view, place);
     else if (view.selected === null) place.append(hint("Search servos first, then choose one."));
     else {
-      if (!view.joint) place.append(node("h2", { class: "sv-h2" }, `Servo ${view.selected}`));
+      place.append(node("h2", { class: "sv-h2" }, view.joint ? `${view.joint.name}, servo ${view.selected}` : `Servo ${view.selected}`));
       part(view, place, view.selected);
     }
   };
   right.append(tabs, body);
-  view.redraw();
 }

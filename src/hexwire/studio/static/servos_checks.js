@@ -2,12 +2,16 @@
 
 import hexwire from "./live.js";
 import { Plot } from "./plot.js";
-import { button, choice, facts, field, form, hint, live, number, numeric, progress, put, row, section, table, valueOf } from "./servos_kit.js";
+import { button, choice, facts, field, form, frames, hint, live, number, numeric, progress, put, row, section, table, valueOf } from "./servos_kit.js";
 import { fill, html, node, question } from "./widgets.js";
 
 const LIVE = [
-  ["deg", "Position", "deg"], ["counts", "Counts", ""], ["speed", "Speed", "deg/s"], ["load", "Load", "%"],
+  ["deg", "Position", "°"], ["counts", "Counts", ""], ["speed", "Speed", "°/s"], ["load", "Load", "%"],
   ["volts", "Supply", "V"], ["celsius", "Temperature", "°C"], ["amps", "Current", "A"], ["state", "Faults", ""],
+];
+const FRAMES = [
+  ["position", "Position", "°"], ["velocity", "Speed", "°/s"], ["load", "Load", "%"], ["voltage", "Supply", "V"],
+  ["temperature", "Temperature", "°C"], ["current", "Current", "A"], ["flags", "Faults", ""],
 ];
 const WORST = 1000; // ms between two looks at the worst of ten minutes
 
@@ -42,6 +46,24 @@ export function overview(view, place, servo) {
       button("Recover from overload", recover)),
     ...section("Move", "Within the servo's own limits, while it has torque and you hold its marker, an arrow key or a button; or by exact steps."), move);
   if (hexwire.operates) import("./servos_move.js").then(({ moveServo }) => move.isConnected && moveServo(view, move, servo));
+}
+
+/** A servo of an arm: what its protocol tells of it, its values, and its slider. */
+export function ofJoint(view, place) {
+  const { i, name } = view.joint, told = node("div"), now = node("dl", { class: "sv-facts" });
+  view.tell = () => {
+    if (!view.kinds.length) return;
+    const [, , series, present, supply, remarks] = view.kinds[i];
+    told.replaceChildren(facts([["Series", series], ["Answers", present], ["Supply limits", supply], ["Model", remarks]].filter(([, value]) => value)));
+  };
+  view.tell();
+  fill(now, html`${FRAMES.map(([key, words, unit]) => html`<div><dt>${words}</dt><dd><span data-frame="${key}" data-joint="${i}">–</span> ${unit}</dd></div>`)}`);
+  frames(now);
+  place.append(told, ...section("Now"), now);
+  if (!hexwire.operates) return;
+  const move = node("div");
+  place.append(...section("Move", `As ${name} on the page Move: while you hold its marker, an arrow key or a button; or by exact steps.`), move);
+  import("./servos_move.js").then(({ moveJoint }) => move.isConnected && moveJoint(view, move, hexwire.model.joints, i));
 }
 
 // -- health ------------------------------------------------------------------------------------------------------

@@ -12,8 +12,10 @@ export class View {
   constructor(opened) {
     this.opened = opened;
     this.selected = null;
-    this.joint = null; // name and place of the joint, of a servo behind a board
-    this.part = "overview";
+    this.joint = null; // name and place of the joint, of a servo of an arm
+    this.kinds = []; // what the arm's protocol tells of each servo, in the order of its joints
+    this.tell = () => {}; // called when that is known
+    this.part = "";
     this.live = new Map(); // the newest values by id
     this.found = { servos: [], elsewhere: [], rates: [], rate: "" };
     this.redraw = () => {};
