@@ -107,11 +107,9 @@ def test_a_public_class_has_its_name_to_itself() -> None:
             rooms.setdefault(name, set()).add(path.relative_to(source).parts[0])
     shared = {name for name, found in rooms.items() if len(found) > 1}
     of_both_ros = {"ActionClient", "ActionGoals", "HardwareInterface"}
-    # Read as `m.Ask` wherever they are used.
-    messages = {"Answer", "Ask", "Follow", "Stream", "Watchdog"}
-    # Of registers, and of bytes on a line; of a certificate, and of an end of a session.
-    others = {"Reading", "Role"}
-    assert shared <= of_both_ros | messages | others
+    # Read as `m.Answer` wherever they are used.
+    messages = {"Answer", "Watchdog"}
+    assert shared <= of_both_ros | messages
 
 
 def test_changelog_has_a_place_for_the_next_change() -> None:

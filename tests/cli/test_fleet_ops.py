@@ -24,7 +24,7 @@ from hexwire.cli.main import cli
 from hexwire.drivers import registry
 from hexwire.fleet import overview
 from hexwire.fleet.endpoints import local_socket
-from hexwire.fleet.names import Role
+from hexwire.fleet.names import ClientRole
 from hexwire.fleet.network import SILENT
 from hexwire.fleet.overview import Overview
 
@@ -86,7 +86,7 @@ def test_a_stop_that_holds_instead_of_switching_torque_off_says_so(
     serve("lab/arm1", robot="sim")
     with registry.connect("zenoh:lab/arm1") as robot:
         robot.torque(True)
-    monkeypatch.setattr(overview, "role_of", lambda cert: Role.OBSERVER)
+    monkeypatch.setattr(overview, "role_of", lambda cert: ClientRole.OBSERVER)
     result = run("stop", "lab/*", "--torque-off")
     assert result.exit_code == 1
     assert result.stdout.startswith("lab/arm1: stopped, holding: J1 ")

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from hexwire.control.motion.via import Place
 from hexwire.control.requests.motion_service import MotionRequest
-from hexwire.control.requests.program import Ask, Move, Program, Repeat, Step, Wait, parse_program
+from hexwire.control.requests.program import Confirmation, Move, Program, Repeat, Step, Wait, parse_program
 from hexwire.errors import ConfigError, UsageError
 from hexwire.inputs import parse_toml
 from hexwire.model.aim import Aim
@@ -52,7 +52,7 @@ MOVES = st.one_of(
         st.floats(0.1, 4),
     ),
 )
-LEAVES = st.one_of(MOVES, st.builds(Wait, st.floats(0, 100)), st.builds(Ask, NAME))
+LEAVES = st.one_of(MOVES, st.builds(Wait, st.floats(0, 100)), st.builds(Confirmation, NAME))
 STEPS: st.SearchStrategy[Step] = st.recursive(
     LEAVES,
     lambda steps: st.builds(Repeat, st.integers(1, 3), st.lists(steps, min_size=1, max_size=3).map(tuple)),

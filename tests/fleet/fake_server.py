@@ -10,7 +10,7 @@ import pytest
 
 from hexwire.fleet import messages as m
 from hexwire.fleet.address import Address
-from hexwire.fleet.names import Role
+from hexwire.fleet.names import ClientRole
 from hexwire.fleet.remote import RemoteRobot
 from hexwire.fleet.rows import joints_of
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
@@ -64,6 +64,6 @@ def attached(monkeypatch: pytest.MonkeyPatch, timeout: float | None = None) -> t
     monkeypatch.setattr(Address, "network", lambda self: node)
     facts = m.decode(m.encode(FACTS), m.Facts)
     facts.timeout = facts.timeout if timeout is None else timeout
-    robot = RemoteRobot(Address("lab/arm1", role=Role.OPERATOR), facts)
+    robot = RemoteRobot(Address("lab/arm1", role=ClientRole.OPERATOR), facts)
     robot.attach()
     return robot, node

@@ -17,7 +17,7 @@ from hexwire.fleet.address import (
     router_network,
 )
 from hexwire.fleet.endpoints import local_socket, make_socket_folder
-from hexwire.fleet.names import Role
+from hexwire.fleet.names import ClientRole
 from hexwire.link.certs import issue_certificate, make_authority
 
 
@@ -28,14 +28,14 @@ def parse(text: str, **environ: str) -> Address:
 @pytest.mark.parametrize("text", ["zenoh:lab/arm1", "zenoh://lab/arm1"])
 def test_an_address_names_an_arm_of_this_machine_and_asks_for_every_right(text: str) -> None:
     assert parse(text) == Address("lab/arm1")
-    assert parse(text).role_by("") is Role.MAINTAINER
+    assert parse(text).role_by("") is ClientRole.MAINTAINER
     assert parse(text).text == "zenoh:lab/arm1"
 
 
 def test_options_say_the_way_and_the_role() -> None:
     address = parse("zenoh:lab/arm1?router=tls/pc:7447&ca=a&cert=b&key=c&role=observer&take=1")
     assert (address.router, address.ca, address.cert, address.key) == ("tls/pc:7447", "a", "b", "c")
-    assert address.role is Role.OBSERVER
+    assert address.role is ClientRole.OBSERVER
     assert address.take
     assert "cert" not in address.text
 
@@ -47,14 +47,14 @@ def test_the_role_is_that_of_the_certificate_unless_it_is_named(tmp_path: Path) 
     issue_certificate(tmp_path, "none", "client")
     issue_certificate(tmp_path, "king", "client", uris=["hexwire:king:lab/*"])
 
-    def role(name: str, more: str = "") -> Role:
+    def role(name: str, more: str = "") -> ClientRole:
         return parse(f"zenoh:arm?{more}").role_by(str(tmp_path / f"{name}.pem"))
 
-    assert role("observer") is Role.OBSERVER
-    assert role("maintainer") is Role.MAINTAINER
-    assert role("maintainer", "role=operator") is Role.OPERATOR
+    assert role("observer") is ClientRole.OBSERVER
+    assert role("maintainer") is ClientRole.MAINTAINER
+    assert role("maintainer", "role=operator") is ClientRole.OPERATOR
     # A missing right shows when a request is denied.
-    assert role("none") is Role.OPERATOR
+    assert role("none") is ClientRole.OPERATOR
     with pytest.raises(UsageError, match=r"king\.pem: a role that this version does not know"):
         role("king")
 
@@ -91,7 +91,7 @@ def test_a_file_gives_what_the_address_leaves_out(tmp_path: Path) -> None:
     address = parse("zenoh:arm?role=operator", **{FLEET_VARIABLE: str(file)})
     assert address.router == "tls/pc:7447"
     assert (address.ca, address.key) == (str(tmp_path / "ca.pem"), "/keys/me.key")
-    assert address.role is Role.OPERATOR
+    assert address.role is ClientRole.OPERATOR
 
 
 @pytest.mark.parametrize("text", ["take = 1", "router = 5", "router =", 'rouetr = "x"'])

@@ -15,7 +15,7 @@ from hexwire.errors import LeaseError
 from hexwire.fleet import messages as m
 from hexwire.fleet import remote as module
 from hexwire.fleet.address import Address
-from hexwire.fleet.names import Keys, Role
+from hexwire.fleet.names import ClientRole, Keys
 from hexwire.fleet.node import NoAnswerError
 from hexwire.fleet.remote import RemoteRobot
 from hexwire.fleet.states import ArrivedStates
@@ -46,9 +46,9 @@ class Kept:
         self.server = FakeServer()
         facts = m.decode(m.encode(FACTS), m.Facts)
         facts.timeout = timeout
-        self.robot = RemoteRobot(Address("lab/arm1", role=Role.OPERATOR), facts)
+        self.robot = RemoteRobot(Address("lab/arm1", role=ClientRole.OPERATOR), facts)
         # As after `attach`.
-        self.robot._node, self.robot._commands_as = self.server, Role.OPERATOR  # type: ignore[assignment]
+        self.robot._node, self.robot._commands_as = self.server, ClientRole.OPERATOR  # type: ignore[assignment]
         self.inbox = FakeInbox()
         self.robot._states = ArrivedStates("zenoh:lab/arm1", self.robot._clock, self.inbox, now=self.monotonic)
         self.sent: list[tuple[float, str, Any, float]] = []
@@ -115,7 +115,7 @@ def test_a_lease_is_renewed_five_times_in_its_timeout_or_that_of_the_watchdog(
     kept = Kept(monkeypatch, timeout)
     kept.robot._watchdog = watchdog
     kept.run(20 * gap + 0.1)
-    assert {(key, beat.key) for _, key, beat, _ in kept.sent} == {(KEYS.lease(Role.OPERATOR), LEASE)}
+    assert {(key, beat.key) for _, key, beat, _ in kept.sent} == {(KEYS.lease(ClientRole.OPERATOR), LEASE)}
     # The first at once, whenever the lease was taken; then each in time, and none more often than that.
     assert kept.sent[0][0] - START < 0.11
     assert kept.gaps() == pytest.approx([gap] * len(kept.gaps()), abs=0.02)
@@ -187,7 +187,7 @@ def test_a_lease_that_its_server_says_is_lost_is_given_up_and_not_taken_again(
     kept.answer = lost
     kept.run(1.0)
     assert (kept.robot._lease, kept.robot._lost) == (0, "Eve holds the lease")
-    assert [key for _, key, *_ in kept.sent[:1]] == [KEYS.lease(Role.OPERATOR)]
+    assert [key for _, key, *_ in kept.sent[:1]] == [KEYS.lease(ClientRole.OPERATOR)]
     assert {key for _, key, *_ in kept.sent[1:]} <= {KEYS.ask}, "without a lease there is none to renew"
     with pytest.raises(LeaseError, match="Eve holds the lease; take the lease again"):
         kept.robot.write(TARGET)
@@ -203,7 +203,7 @@ def test_another_error_does_not_cost_the_lease(monkeypatch: pytest.MonkeyPatch, 
     kept.answer = lambda: answer
     kept.run(1.0)
     assert (kept.robot._lease, kept.robot._lost) == (LEASE, "")
-    assert {key for _, key, *_ in kept.sent} == {KEYS.lease(Role.OPERATOR)}
+    assert {key for _, key, *_ in kept.sent} == {KEYS.lease(ClientRole.OPERATOR)}
 
 
 def test_the_refusal_of_a_former_lease_does_not_cost_the_one_that_was_taken_meanwhile(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from hexwire.errors import UsageError
-from hexwire.fleet.names import Keys, Role, check_name, check_pattern, is_name, matches, name_of
+from hexwire.fleet.names import ClientRole, Keys, check_name, check_pattern, is_name, matches, name_of
 
 
 @pytest.mark.parametrize("name", ["arm", "lab/arm1", "a/b/c/d", "SO-101_2.left"])
@@ -36,9 +36,9 @@ def test_the_key_of_something_else_has_no_name(key: str) -> None:
 
 def test_the_key_of_an_order_names_the_role_so_that_rights_can_be_given_by_key() -> None:
     keys = Keys("lab/arm1")
-    assert keys.order(Role.OPERATOR) == "hexwire/lab/arm1/as/operator/order"
-    assert keys.lease(Role.MAINTAINER) == "hexwire/lab/arm1/as/maintainer/lease"
-    assert keys.off(Role.OPERATOR) == "hexwire/lab/arm1/as/operator/off"
+    assert keys.order(ClientRole.OPERATOR) == "hexwire/lab/arm1/as/operator/order"
+    assert keys.lease(ClientRole.MAINTAINER) == "hexwire/lab/arm1/as/maintainer/lease"
+    assert keys.off(ClientRole.OPERATOR) == "hexwire/lab/arm1/as/operator/off"
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from hexwire.fleet import messages as m
 from hexwire.fleet import overview
 from hexwire.fleet import roster as module
 from hexwire.fleet.endpoints import endpoints_of, local_socket
-from hexwire.fleet.names import Keys, Role
+from hexwire.fleet.names import ClientRole, Keys
 from hexwire.fleet.network import Network
 from hexwire.fleet.node import Node
 from hexwire.fleet.overview import Overview, look, stop_all
@@ -134,7 +134,7 @@ def test_a_denied_torque_off_still_stops_the_arm(runtime: Path, monkeypatch: pyt
         assert [rows[name].confirmed for name in sorted(rows)] == [True, True, False]
         assert [bool(rows[name].kept) for name in sorted(rows)] == [False, True, False]
         assert "'hexwire fleet config'" in rows["lab/b"].kept
-        monkeypatch.setattr(overview, "role_of", lambda cert: Role.OBSERVER)
+        monkeypatch.setattr(overview, "role_of", lambda cert: ClientRole.OBSERVER)
         rows = {row.name: row for row in stop_all(roster, "Bob", StopMode.TORQUE_OFF, timeout=1.0)}
         assert all(row.confirmed for row in rows.values())
         assert all(row.kept.startswith("an observer may stop it") for row in rows.values())

@@ -31,7 +31,7 @@ from hexwire.errors import (
 from hexwire.fleet import messages as m
 from hexwire.fleet import network, questions
 from hexwire.fleet.address import Address
-from hexwire.fleet.names import Keys, Role
+from hexwire.fleet.names import ClientRole, Keys
 from hexwire.fleet.network import Network
 from hexwire.fleet.node import NoAnswerError, Node
 from hexwire.fleet.overview import stop_all
@@ -149,7 +149,7 @@ def test_torque_off_by_an_observer_stops_the_arm_which_holds(lab: Lab, served: S
         assert (state.stopped, state.torque_on) == (True, watcher.model.names)
         assert not watcher.epochs.failed, "that stop is confirmed"
         # As a program that does not know its own certificate.
-        watcher._commands_as = Role.OPERATOR  # type: ignore[attr-defined]
+        watcher._commands_as = ClientRole.OPERATOR  # type: ignore[attr-defined]
         with pytest.raises(
             LinkPermissionError, match=r"holds.*\(observer for lab/\*\) does not allow a program to switch its"
         ):
@@ -255,7 +255,7 @@ def test_an_arm_that_is_there_but_does_not_answer(lab: Lab, runtime: Path) -> No
         mute.announce(keys.token("1"))
         eventually(lambda: node.visible(keys.alive, 5.0))
         address = Address.parse(lab.url("lab/mute", "anna"))
-        for key in (keys.ask, keys.order(Role.OPERATOR)):
+        for key in (keys.ask, keys.order(ClientRole.OPERATOR)):
             with pytest.raises(ReplyTimeoutError, match="zenoh:lab/mute, whose server is there") as raised:
                 _ask_patiently(node, address, key)
             why(raised.value)
@@ -403,7 +403,7 @@ def test_a_short_absence_of_the_server_is_not_reported_as_a_missing_right(
 ) -> None:
     """Its token returns with its connection, and its answers a moment later."""
     address, keys = Address.parse(lab.url("lab/arm1", "anna"), {}), Keys("lab/arm1")
-    order = keys.order(Role.OPERATOR)
+    order = keys.order(ClientRole.OPERATOR)
     visible = Node.visible
     with lab.session("arm1") as server, lab.session("anna") as client:
         server.announce(keys.token("1"))
@@ -418,4 +418,4 @@ def test_a_short_absence_of_the_server_is_not_reported_as_a_missing_right(
             ask(client, address, order, m.Ask("clock"), 1.0)
         # Where the access file of the router is older, nothing is offered to this program.
         with pytest.raises(LinkPermissionError, match="may not"):
-            ask(client, address, keys.lease(Role.OPERATOR), m.Ask("clock"), 1.0)
+            ask(client, address, keys.lease(ClientRole.OPERATOR), m.Ask("clock"), 1.0)

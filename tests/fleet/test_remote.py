@@ -32,7 +32,7 @@ from hexwire.errors import (
 from hexwire.fleet import messages as m
 from hexwire.fleet import remote
 from hexwire.fleet.address import Address
-from hexwire.fleet.names import Role
+from hexwire.fleet.names import ClientRole
 from hexwire.fleet.remote import RemoteRobot, whoami
 from hexwire.fleet.states import ArrivedStates
 from hexwire.model.state import JointState, JointTarget
@@ -523,7 +523,7 @@ def test_a_stream_keeps_its_period_and_after_a_stall_makes_up_for_one(
 ) -> None:
     draw = random.Random(3)
     for period in (0.05, 0.1, 0.5):
-        robot = RemoteRobot(Address("lab/arm1", role=Role.OPERATOR), FACTS)
+        robot = RemoteRobot(Address("lab/arm1", role=ClientRole.OPERATOR), FACTS)
         # As after `attach`, but without its thread.
         robot._node = FakeServer()  # type: ignore[assignment]
         gaps = (draw.uniform(0.1, 2.0) if stalls and draw.random() < 0.05 else 0.02 for _ in range(900))

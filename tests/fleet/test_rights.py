@@ -10,7 +10,7 @@ import zenoh
 from tests.waits import eventually
 
 from hexwire.errors import UsageError
-from hexwire.fleet.names import Keys, Role
+from hexwire.fleet.names import ClientRole, Keys
 from hexwire.fleet.node import NoAnswerError, Node
 from hexwire.fleet.rights import Kind, Rights, access_control
 
@@ -115,7 +115,7 @@ class Arm:
         for key in self.keys.answered():
             node.answer(key, lambda question, key=key: (self.asked.append(key), question.reply(b"done")))  # type: ignore[misc]
         self.published: list[bytes] = []
-        for key in self.keys.streamed(max(Role)):
+        for key in self.keys.streamed(max(ClientRole)):
             node.take_at_once(key, self.published.append)
         node.announce(self.keys.token("1"))
         self.put = node.publisher(self.keys.state)
@@ -245,7 +245,7 @@ def test_a_pattern_reaches_no_arm_that_is_not_of_the_certificate(
 ) -> None:
     with lab.session("anna") as node:
         arms["hall/arm1"].asked.clear()
-        for key in (Keys(pattern).stop, Keys(pattern).order(Role.OPERATOR), f"hexwire/{pattern}/as/*/order"):
+        for key in (Keys(pattern).stop, Keys(pattern).order(ClientRole.OPERATOR), f"hexwire/{pattern}/as/*/order"):
             expected = pattern == "lab/*" and "as/*" not in key
             assert answers(node, key) is expected
         assert arms["hall/arm1"].asked == []
@@ -258,7 +258,7 @@ def test_the_certificate_of_one_arm_cannot_act_for_another(lab: Lab, arms: dict[
         heard: list[bytes] = []
         node.subscribe(Keys("**").state, lambda payload, key: heard.append(payload))
         for other in ("lab/arm1", "lab/arm2", "hall/arm1"):
-            impostor.publisher(Keys(other).order(Role.OPERATOR))(b"fake")
+            impostor.publisher(Keys(other).order(ClientRole.OPERATOR))(b"fake")
 
         def real_arrives() -> bool:
             fake.put(b"fake")
@@ -299,9 +299,9 @@ def test_set_points_reach_the_arm_from_those_who_may_command_it_and_nobody_else(
         nodes = {name: stack.enter_context(lab.session(name)) for name in names}
         others = [stack.enter_context(lab.session(name)) for name in ("anna", "cora", "hall")]
         for other in others:
-            other.take_at_once(Keys("lab/*").order(Role.OPERATOR), heard.append)
+            other.take_at_once(Keys("lab/*").order(ClientRole.OPERATOR), heard.append)
         to = {
-            (name, arm): node.publisher_in_order(Keys(arm).order(Role.OPERATOR))
+            (name, arm): node.publisher_in_order(Keys(arm).order(ClientRole.OPERATOR))
             for name, node in nodes.items()
             for arm in arms
         }

@@ -19,12 +19,12 @@ from hexwire.drivers.values import StopMode
 from hexwire.errors import LinkBusyError, RemoteProtocolError, UsageError
 from hexwire.fleet import messages as m
 from hexwire.fleet import server as module
-from hexwire.fleet.names import Keys, Role
+from hexwire.fleet.names import ClientRole, Keys
 from hexwire.fleet.questions import decoded
 from hexwire.fleet.server import ArmServer
 
 KEYS = Keys("lab/arm1")
-OPERATOR, MAINTAINER = Role.OPERATOR, Role.MAINTAINER
+OPERATOR, MAINTAINER = ClientRole.OPERATOR, ClientRole.MAINTAINER
 
 
 class Query:
@@ -120,17 +120,17 @@ class Served:
                 self.bench.owner.turn()
         raise AssertionError("no answer")
 
-    def take(self, client: str = "Ann", role: Role = OPERATOR, **options: Any) -> m.Answer:
+    def take(self, client: str = "Ann", role: ClientRole = OPERATOR, **options: Any) -> m.Answer:
         return self.ask(KEYS.lease(role), m.Take(client, **options))
 
-    def order(self, key: int, order: Any, *, role: Role = OPERATOR, **changes: Any) -> m.Answer:
+    def order(self, key: int, order: Any, *, role: ClientRole = OPERATOR, **changes: Any) -> m.Answer:
         return self.ask(KEYS.order(role), self.envelope(key, order, **changes))
 
     def envelope(self, key: int, order: Any, **changes: Any) -> m.Envelope:
         made = {"sequence": next(self._numbers), "made": self.bench.owner.now(), "doubt": 0.0} | changes
         return m.Envelope(key, made["sequence"], made["made"], made["doubt"], order)
 
-    def publish(self, message: m.Envelope | bytes, *, role: Role = OPERATOR) -> None:
+    def publish(self, message: m.Envelope | bytes, *, role: ClientRole = OPERATOR) -> None:
         self.node.taken[KEYS.order(role)](message if isinstance(message, bytes) else m.encode(message))
 
     def told(self, done: Callable[[m.Stream], bool]) -> m.Stream:

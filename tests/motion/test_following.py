@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hexwire.drivers.arm_file import load_profile
 from hexwire.errors import LimitError, UsageError
 from hexwire.model.gripper import jaws_of
-from hexwire.motion.following import Behind, Follow, Following, GripForce
+from hexwire.motion.following import Behind, Following, FollowStep, GripForce
 from hexwire.motion.teleop import Action
 
 ARM = load_profile("so101").model
@@ -30,13 +30,13 @@ class Run:
         self.loads = dict.fromkeys(ARM.names, 0.0)
         self.fixed: set[str] = set()
 
-    def cycle(self, leader: Mapping[str, float], age: float = 0.0) -> Follow:
+    def cycle(self, leader: Mapping[str, float], age: float = 0.0) -> FollowStep:
         self.now += PERIOD
         step = self.rules.update(leader, age, self.positions, self.loads, self.now)
         self.positions |= {name: angle for name, angle in step.positions.items() if name not in self.fixed}
         return step
 
-    def cycles(self, leader: Mapping[str, float], count: int) -> Follow:
+    def cycles(self, leader: Mapping[str, float], count: int) -> FollowStep:
         for _ in range(count):
             step = self.cycle(leader)
         return step

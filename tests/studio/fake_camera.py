@@ -21,7 +21,7 @@ JPEG = base64.b64decode(
 
 
 class FakeCamera:
-    """A camera, as `hexwire.studio.cameras.Source`, and what opens it.
+    """A camera, as `hexwire.studio.cameras.CameraSource`, and what opens it.
 
     Args:
         name: Its name.

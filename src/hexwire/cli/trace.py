@@ -26,7 +26,7 @@ from .options import InputFile, force_option, json_option, name_of, observing_st
 from .output import Column, RowType, answer, print_json, say, wants_json
 
 if TYPE_CHECKING:
-    from hexwire.trace.reading import Reading
+    from hexwire.trace.reading import FrameReading
 
 __all__ = ["analyzers", "trace", "tracing"]
 
@@ -68,7 +68,7 @@ def decode(file: BinaryIO, fields: bool) -> None:
     load_own_modules()
     explainer = Explainer()
 
-    def show(readings: Iterable[Reading]) -> None:
+    def show(readings: Iterable[FrameReading]) -> None:
         for reading in readings:
             tree = explainer.dissect(reading) if fields else None
             _show(explainer.explain(reading), tree)

@@ -16,7 +16,7 @@ from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.inputs import parse_toml, read_text
 
 from .endpoints import endpoints_of, is_served, local_name, local_socket, local_sockets
-from .names import SCHEME, Role, check_name
+from .names import SCHEME, ClientRole, check_name
 from .network import Network
 from .rights import Rights
 
@@ -51,7 +51,7 @@ class Address:
     ca: str = ""
     cert: str = ""
     key: str = ""
-    role: Role | None = None
+    role: ClientRole | None = None
     take: bool = False
     without_certificates: bool = False
 
@@ -92,7 +92,7 @@ class Address:
         """The address, without certificates."""
         return f"{SCHEME}:{self.name}"
 
-    def role_by(self, cert: str) -> Role:
+    def role_by(self, cert: str) -> ClientRole:
         """Role in which a program commands the arm.
 
         Args:
@@ -133,7 +133,7 @@ class Address:
         )
 
 
-def role_of(cert: str) -> Role:
+def role_of(cert: str) -> ClientRole:
     """Role that a certificate gives to a program; maintainer without a certificate.
 
     Raises:
@@ -142,7 +142,7 @@ def role_of(cert: str) -> Role:
     rights = rights_of(cert) if cert else None
     if rights is not None and rights.role is not None:
         return rights.role
-    return Role.OPERATOR if cert else Role.MAINTAINER
+    return ClientRole.OPERATOR if cert else ClientRole.MAINTAINER
 
 
 def rights_of(cert: str) -> Rights | None:
@@ -226,11 +226,11 @@ def address_text(name: str, network: Network | None) -> str:
     return f"{SCHEME}:{name}?{urlencode(given, safe='/:[]')}"
 
 
-def _role(word: str) -> Role:
+def _role(word: str) -> ClientRole:
     try:
-        return Role[word.upper()]
+        return ClientRole[word.upper()]
     except KeyError:
-        raise UsageError(f"{word!r} is not a role; choose {', '.join(role.word for role in Role)}") from None
+        raise UsageError(f"{word!r} is not a role; choose {', '.join(role.word for role in ClientRole)}") from None
 
 
 def read_fleet_file(path: str) -> dict[str, str]:

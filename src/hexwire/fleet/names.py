@@ -23,8 +23,8 @@ __all__ = [
     "HERE",
     "ROOT",
     "SCHEME",
+    "ClientRole",
     "Keys",
-    "Role",
     "check_name",
     "check_pattern",
     "is_name",
@@ -43,7 +43,7 @@ _MOST_SEGMENTS = 4
 _RULE = "a name has 1 to 4 parts of letters, digits, '-', '_' and '.', as in lab/arm1"
 
 
-class Role(IntEnum):
+class ClientRole(IntEnum):
     """What a client may do. The value is its rank: a client may pre-empt its own rank and below."""
 
     OBSERVER = 0
@@ -114,39 +114,39 @@ class Keys:
         self.base, self.state, self.ask, self.stop = base, f"{base}/state", f"{base}/ask", f"{base}/stop"
         self.alive = f"{base}/alive/*"
 
-    def lease(self, role: Role) -> str:
+    def lease(self, role: ClientRole) -> str:
         """Key of the lease for clients of that role."""
         return f"{self.base}/as/{role.word}/lease"
 
-    def order(self, role: Role) -> str:
+    def order(self, role: ClientRole) -> str:
         """Key of the orders of clients of that role."""
         return f"{self.base}/as/{role.word}/order"
 
-    def off(self, role: Role) -> str:
+    def off(self, role: ClientRole) -> str:
         """Key of the stop with torque off of clients of that role."""
         return f"{self.base}/as/{role.word}/off"
 
-    def asked(self, role: Role) -> list[str]:
+    def asked(self, role: ClientRole) -> list[str]:
         """Keys at which clients of that role ask and order."""
         keys = (self.lease, self.order, self.off)
         return [self.ask, self.stop, *(key(each) for each in _commanding(role) for key in keys)]
 
-    def streamed(self, role: Role) -> list[str]:
+    def streamed(self, role: ClientRole) -> list[str]:
         """Keys under which clients of that role publish set-points."""
         return [self.order(each) for each in _commanding(role)]
 
     def answered(self) -> list[str]:
         """Keys at which a server answers."""
-        return self.asked(max(Role))
+        return self.asked(max(ClientRole))
 
     def token(self, instance: str) -> str:
         """Key of a server's liveliness token."""
         return f"{self.base}/alive/{instance}"
 
 
-def _commanding(role: Role) -> list[Role]:
+def _commanding(role: ClientRole) -> list[ClientRole]:
     """Roles as which a client of that role may command."""
-    return [each for each in Role if Role.OBSERVER < each <= role]
+    return [each for each in ClientRole if ClientRole.OBSERVER < each <= role]
 
 
 def name_of(key: str) -> tuple[str, str]:

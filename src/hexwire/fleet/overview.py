@@ -20,7 +20,7 @@ from hexwire.model.state import JointFlag
 from . import messages as m
 from .address import role_of
 from .failures import restore
-from .names import Keys, Role
+from .names import ClientRole, Keys
 from .node import NoAnswerError, OpenQuestion
 from .questions import KEEPS_TORQUE
 from .roster import HUNG, SLOW, Roster, Seen
@@ -184,7 +184,7 @@ def stop_all(
     stops: dict[str, _ArmStop | None] = {}
     request = m.StopRequest(client, int(mode))
     # Of each certificate, read once: many arms are behind one router.
-    roles: dict[str, Role] = {}
+    roles: dict[str, ClientRole] = {}
     began = time.monotonic()
     while True:
         settled = roster.settled or time.monotonic() - began > SLOW
@@ -211,7 +211,7 @@ def stop_all(
 class _ArmStop:
     """The stop of one arm while it waits for an answer."""
 
-    def __init__(self, seen: Seen, request: m.StopRequest, roles: dict[str, Role], timeout: float) -> None:
+    def __init__(self, seen: Seen, request: m.StopRequest, roles: dict[str, ClientRole], timeout: float) -> None:
         self._seen, self._payload, self._timeout = seen, m.encode(request), timeout
         self._began = time.monotonic()
         self._kept = ""
@@ -219,7 +219,7 @@ class _ArmStop:
         self._plain = key = keys.stop
         if request.mode == StopMode.TORQUE_OFF:
             role = _role(seen.node.cert, roles)
-            self._kept = KEEPS_TORQUE if role is Role.OBSERVER else ""
+            self._kept = KEEPS_TORQUE if role is ClientRole.OBSERVER else ""
             key = keys.stop if self._kept else keys.off(role)
         self._ask(key)
 
@@ -260,13 +260,13 @@ class _ArmStop:
         return None
 
 
-def _role(cert: str, roles: dict[str, Role]) -> Role:
+def _role(cert: str, roles: dict[str, ClientRole]) -> ClientRole:
     """Role in a certificate; the lowest role if the certificate can no longer be read."""
     if cert not in roles:
         try:
             roles[cert] = role_of(cert)
         except HexwireError:
-            roles[cert] = Role.OBSERVER
+            roles[cert] = ClientRole.OBSERVER
     return roles[cert]
 
 

@@ -27,7 +27,7 @@ from hexwire.errors import (
 from . import messages as m
 from .address import Address, rights_of
 from .failures import restore
-from .names import Keys, Role
+from .names import ClientRole, Keys
 from .node import NoAnswerError, Node
 from .rights import KEY_WORDS
 
@@ -93,7 +93,7 @@ class Questions:
         with self._timed():
             return ask(node, self._address, key, message, timeout, urgent=urgent)
 
-    def stop(self, node: Node, role: Role, request: m.StopRequest, timeout: float) -> tuple[m.Answer, str]:
+    def stop(self, node: Node, role: ClientRole, request: m.StopRequest, timeout: float) -> tuple[m.Answer, str]:
         """Stop the arm. If this program may not switch torque off, the arm is stopped anyway and holds.
 
         Args:
@@ -110,7 +110,7 @@ class Questions:
         """
         if request.mode != StopMode.TORQUE_OFF:
             return self.ask(node, self._keys.stop, request, timeout, urgent=True), ""
-        if role is Role.OBSERVER:
+        if role is ClientRole.OBSERVER:
             whose = f"with {_holder(node.cert)}" if node.cert else "as the address says"
             kept = f"{KEEPS_TORQUE} ({whose})"
             return self.ask(node, self._keys.stop, request, timeout, urgent=True), kept

@@ -44,7 +44,7 @@ from . import messages as m
 from .address import Address
 from .clock import ClockOffset
 from .failures import restore
-from .names import Keys, Role
+from .names import ClientRole, Keys
 from .node import NoAnswerError, Node, Publisher, load_zenoh
 from .questions import Questions, ask, decoded
 from .rows import arm_model, as_probe_report, joint_names, sent_target
@@ -257,7 +257,7 @@ class RemoteRobot(RobotDriver, OwnWatchdog, StateReports, OnboardPaths, Leased, 
         self._node: Node | None = None
         # The session in which the facts were requested; `attach` continues with it.
         self._opened: Node | None = None
-        self._commands_as = Role.OBSERVER
+        self._commands_as = ClientRole.OBSERVER
         self._me = whoami()
         self._clock = ClockOffset()
         # Both the thread of a call and that of the heartbeat add to it.
@@ -477,9 +477,9 @@ class RemoteRobot(RobotDriver, OwnWatchdog, StateReports, OnboardPaths, Leased, 
             _log.warning("%s: the last set-points were not done: %s", self.url, error)
 
     @property
-    def _role(self) -> Role:
+    def _role(self) -> ClientRole:
         role = self._commands_as
-        if role is Role.OBSERVER:
+        if role is ClientRole.OBSERVER:
             cert = self._attached().cert
             whose = f"the certificate {cert} is not an operator's" if cert else "the address says so"
             raise LinkPermissionError(

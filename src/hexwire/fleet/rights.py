@@ -20,7 +20,7 @@ from typing import Any
 
 from hexwire.errors import UsageError
 
-from .names import HERE, ROOT, Keys, Role, check_pattern, matches
+from .names import HERE, ROOT, ClientRole, Keys, check_pattern, matches
 
 __all__ = ["KEY_WORDS", "Kind", "Rights", "access_control"]
 
@@ -59,7 +59,11 @@ class Kind(StrEnum):
     """Takes part in a ROS domain, where every node may command every arm. Its `arms` are the numbers of domains."""
 
 
-_ROLES = {Kind.OBSERVER: Role.OBSERVER, Kind.OPERATOR: Role.OPERATOR, Kind.MAINTAINER: Role.MAINTAINER}
+_ROLES = {
+    Kind.OBSERVER: ClientRole.OBSERVER,
+    Kind.OPERATOR: ClientRole.OPERATOR,
+    Kind.MAINTAINER: ClientRole.MAINTAINER,
+}
 
 KEY_WORDS = {"ask": "read", "state": "read", "stop": "stop", "off": "switch its torque off"}
 """What the last part of a key is for, in words; all others command."""
@@ -94,7 +98,7 @@ class Rights:
         return f"{self.kind} for {', '.join(self.arms)}" if self.arms else str(self.kind)
 
     @property
-    def role(self) -> Role | None:
+    def role(self) -> ClientRole | None:
         """The role of a client; None for what is no client."""
         return _ROLES.get(self.kind)
 
@@ -149,7 +153,7 @@ def _rules(name: str, rights: Rights) -> list[dict[str, Any]]:
         rows = [(flow, _ALL_MESSAGES, [key for each in rights.arms for key in _ros_keys(each)]) for flow in _FLOWS]
     elif role is None:
         states, answered = [keys.state for keys in arms], [key for keys in arms for key in keys.answered()]
-        streamed = [key for keys in arms for key in keys.streamed(max(Role))]
+        streamed = [key for keys in arms for key in keys.streamed(max(ClientRole))]
         rows = [
             ("ingress", ["put"], states),
             ("ingress", ["declare_subscriber"], streamed),

@@ -36,7 +36,7 @@ from hexwire.model.state import JointState, JointTarget
 
 from . import messages as m
 from .failures import describe
-from .names import Keys, Role, name_of
+from .names import ClientRole, Keys, name_of
 from .network import Network
 from .node import Node
 from .rows import as_probe_rows, facts_of
@@ -115,7 +115,7 @@ _RECENT = 0.5
 _LONGEST_NAME = 200
 _STATUS = 0.2
 """Seconds between two messages while no states come."""
-_ROLES = (Role.OPERATOR, Role.MAINTAINER)
+_ROLES = (ClientRole.OPERATOR, ClientRole.MAINTAINER)
 _PROBE_AGE = 2.0
 """Seconds for which the result of a probe is reused, so that questions cannot keep the line busy."""
 _SETTLE = 0.3
@@ -417,7 +417,7 @@ class ArmServer:
         elif not self._questions.put((query, ask)):
             self._refuse_busy(query)
 
-    def _on_lease(self, role: Role, query: Question) -> None:
+    def _on_lease(self, role: ClientRole, query: Question) -> None:
         request = self._parse(query, m.LeaseRequest)
         if request is None:
             return
@@ -434,7 +434,7 @@ class ArmServer:
         else:
             self._queue("leases", query, lambda: self._leave(request))
 
-    def _accept_order(self, role: Role, query: Question) -> bool:
+    def _accept_order(self, role: ClientRole, query: Question) -> bool:
         """Queue an order of the holder. Others do not fill its queue; undecoded, what is long costs as little."""
         payload = query.payload
         if not self._is_holder(payload):
@@ -531,7 +531,7 @@ class ArmServer:
 
     # -- in the threads of the workers --------------------------------------------------------------------
 
-    def _take(self, request: m.Take, role: Role) -> object:
+    def _take(self, request: m.Take, role: ClientRole) -> object:
         grant = self._shared.take(
             f"{_shown(request.client)}, {role.word}",
             role,
@@ -545,7 +545,7 @@ class ArmServer:
     def _leave(self, request: m.Leave) -> None:
         self._shared.leave(request.key, finish=request.finish)
 
-    def _do_order(self, role: Role, payload: bytes, arrived: Token) -> object:
+    def _do_order(self, role: ClientRole, payload: bytes, arrived: Token) -> object:
         try:
             envelope = m.decode(payload, m.Envelope)
         except RemoteProtocolError:
@@ -570,7 +570,7 @@ class ArmServer:
             shared.watchdog(order, what.timeout, _mode(what.mode))
         elif isinstance(what, m.Follow | m.Confirm | m.Cancel):
             value = do_goal_order(self._goals, order, what)
-        elif role < Role.MAINTAINER:
+        elif role < ClientRole.MAINTAINER:
             raise LeaseError("servo settings and firmware need the role maintainer", lost=False)
         else:
             value = shared.ioctl(order, what.sub_cmd, what.data)

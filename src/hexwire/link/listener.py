@@ -21,7 +21,7 @@ from hexwire.errors import LinkBusyError, LinkClosedError, LinkError, LinkNotFou
 from hexwire.system import READABLE, make_poll
 
 from .base import Openable, lock_timeout, poll_timeout
-from .tcp import PeerLink, PlainStream, Stream, find_addresses, host_and_port, prepare
+from .tcp import ByteStream, PeerLink, PlainStream, find_addresses, host_and_port, prepare
 from .url import LinkUrl
 from .waker import Waker
 
@@ -298,7 +298,7 @@ class Listener(Openable):
         return self._admit(handshake.stream, handshake.peer, watched)
 
     def _admit(
-        self, stream: Stream, peer: str, watched: Callable[[], dict[int, Callable[[], None]]]
+        self, stream: ByteStream, peer: str, watched: Callable[[], dict[int, Callable[[], None]]]
     ) -> PeerLink | None:
         try:
             return PeerLink(self.url, stream, peer, watched())

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from .tls import TlsFiles
 
-__all__ = ["PeerLink", "PlainStream", "Stream", "TcpLink", "TcpsLink", "find_addresses", "host_and_port"]
+__all__ = ["ByteStream", "PeerLink", "PlainStream", "TcpLink", "TcpsLink", "find_addresses", "host_and_port"]
 
 CONNECT_TIMEOUT = 5.0
 _READ_SIZE = 65536
@@ -44,7 +44,7 @@ _GONE = (
 )
 
 
-class Stream(Protocol):
+class ByteStream(Protocol):
     """Bytes over a connected, non-blocking socket."""
 
     socket: socket.socket
@@ -89,7 +89,7 @@ class _StreamLink(PollLink):
 
     def __init__(self, url: str) -> None:
         super().__init__(url)
-        self._stream: Stream | None = None
+        self._stream: ByteStream | None = None
 
     def _close(self) -> None:
         if self._stream is not None:
@@ -179,7 +179,7 @@ class TcpLink(_StreamLink):
         if result:
             raise OSError(result, os.strerror(result))
 
-    def _wrap(self, connected: socket.socket, deadline: float) -> Stream:
+    def _wrap(self, connected: socket.socket, deadline: float) -> ByteStream:
         if self._tls is None:
             return PlainStream(connected)
         from .tls import TlsStream
@@ -232,11 +232,11 @@ class PeerLink(_StreamLink):
     """
 
     def __init__(
-        self, url: str, stream: Stream, peer: str, watched: dict[int, Callable[[], None]] | None = None
+        self, url: str, stream: ByteStream, peer: str, watched: dict[int, Callable[[], None]] | None = None
     ) -> None:
         super().__init__(url)
         self.peer = peer
-        self._accepted: Stream | None = stream
+        self._accepted: ByteStream | None = stream
         self._also_watched = dict(watched or {})
         self.open()
 

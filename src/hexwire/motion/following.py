@@ -20,7 +20,7 @@ from hexwire.model.gripper import Jaws
 
 from .teleop import Action
 
-__all__ = ["Behind", "Follow", "Following", "GripForce"]
+__all__ = ["Behind", "FollowStep", "Following", "GripForce"]
 
 _LONGEST_STEP = 0.1
 """Longest time in seconds that one cycle integrates: a program that stalled must not catch up."""
@@ -71,12 +71,12 @@ class Behind(Enum):
     GRIP = "holds something, and closes no further"
     FORBIDDEN = "is led where the arm must not go"
     MEETING = "goes slowly to where it is led, at first"
-    """Of those whose caller has to know it: `Follow.behind` is about joints that have met the leader's."""
+    """Of those whose caller has to know it: `FollowStep.behind` is about joints that have met the leader's."""
     DISTANCE = "is led further at once than it may go"
     """By a limit of the caller's."""
 
 
-class Follow(NamedTuple):
+class FollowStep(NamedTuple):
     """The outcome of one cycle.
 
     Attributes:
@@ -200,7 +200,7 @@ class Following:
         positions: Mapping[str, float],
         loads: Mapping[str, float],
         now: float,
-    ) -> Follow:
+    ) -> FollowStep:
         """One cycle.
 
         Args:
@@ -270,7 +270,7 @@ class Following:
             jaw = grip.jaws.joint
             self.presses = self._grasp is not None or abs(goals[jaw] - positions[jaw]) > grip.squeeze
         # The caller gets them to read; the next cycle makes new ones.
-        return Follow(Action.MOVE, goals, len(met) == len(goals), note, way_back, behind)
+        return FollowStep(Action.MOVE, goals, len(met) == len(goals), note, way_back, behind)
 
     def _known(self, values: Mapping[str, float]) -> list[float] | None:
         """The value of each joint in the order of the arm; None if one is missing or not finite."""
@@ -294,10 +294,10 @@ class Following:
                 goals = step
         return goals
 
-    def _hold(self, note: str) -> Follow:
+    def _hold(self, note: str) -> FollowStep:
         action = Action.HOLD if self._active else Action.IDLE
         self._active = False
-        return Follow(action, {}, False, note)
+        return FollowStep(action, {}, False, note)
 
     def _towards(
         self, joint: JointModel, wanted: float, here: float, most: float, step: float

@@ -2,7 +2,7 @@
 
 Owns when a camera is open, what counts as a picture, how often one is passed on, and the words for a camera that
 gives none. Pictures stay JPEG as they come; nothing is decoded. Must not know pages, sockets or files, nor which
-library reads a camera: a `Source` does, such as `v4l2.V4l2Source`.
+library reads a camera: a `CameraSource` does, such as `v4l2.V4l2Source`.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ __all__ = [
     "WIDTH",
     "Camera",
     "CameraPicture",
+    "CameraSource",
     "Cameras",
     "OnPicture",
     "Pushed",
-    "Source",
     "is_whole",
 ]
 
@@ -66,7 +66,7 @@ class CameraPicture:
     stamp: float
 
 
-class Source(Protocol):
+class CameraSource(Protocol):
     """An open camera. One thread uses it."""
 
     def read(self, timeout: float) -> CameraPicture | None:
@@ -107,7 +107,7 @@ class Camera:
     """
 
     def __init__(
-        self, device: str, make: Callable[[str], Source], *, silent: float = _SILENT, again: float = _AGAIN
+        self, device: str, make: Callable[[str], CameraSource], *, silent: float = _SILENT, again: float = _AGAIN
     ) -> None:
         self.name = re.sub(r"[^A-Za-z0-9_-]+", "-", PurePath(device).name).strip("-")[:60] or "camera"
         self.device, self.refused = device, 0
@@ -210,7 +210,7 @@ class Camera:
 
 
 class Pushed:
-    """A camera whose pictures come from elsewhere, as `Source`: of a browser that sends them.
+    """A camera whose pictures come from elsewhere, as `CameraSource`: of a browser that sends them.
 
     Args:
         wanted: Called with whether somebody looks, in the thread of the camera; it never waits.
@@ -231,14 +231,14 @@ class Pushed:
         self._come.set()
 
     def read(self, timeout: float) -> CameraPicture | None:
-        """As `Source.read`."""
+        """As `CameraSource.read`."""
         self._come.wait(timeout)
         self._come.clear()
         found, self._newest = self._newest, None
         return found
 
     def close(self) -> None:
-        """As `Source.close`."""
+        """As `CameraSource.close`."""
         self._newest = None
         self._wanted(False)
 

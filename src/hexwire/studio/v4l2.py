@@ -107,7 +107,7 @@ def _has_mjpeg(library: Any, device: Any) -> bool:
 
 
 class V4l2Source:
-    """An open camera, as `cameras.Source`.
+    """An open camera, as `cameras.CameraSource`.
 
     Args:
         device: Such as ``/dev/video0``.
@@ -154,7 +154,7 @@ class V4l2Source:
                 raise
 
     def read(self, timeout: float) -> CameraPicture | None:
-        """As `cameras.Source.read`."""
+        """As `cameras.CameraSource.read`."""
         try:
             if not self._selector.select(timeout):
                 return None
@@ -171,7 +171,7 @@ class V4l2Source:
         return CameraPicture(b"" if damaged or len(frame) > LARGEST else frame.data, stamp)
 
     def close(self) -> None:
-        """As `cameras.Source.close`."""
+        """As `cameras.CameraSource.close`."""
         self._selector.close()
         for part in (self._capture, self._device):
             try:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from hexwire.model.state import JointState
 
     from .mcap_file import Readable
-    from .reading import Reading
+    from .reading import FrameReading
 
 __all__ = [
     "BYTES",
@@ -149,7 +149,7 @@ class Capture:
             finally:
                 self._owner = 0
 
-    def _frame(self, reading: Reading, stamp: float) -> None:
+    def _frame(self, reading: FrameReading, stamp: float) -> None:
         line = log_line(WARNING if doubt(reading) else INFO, reading.text, reading.way.value, stamp)
         body = line | {"hex": reading.data.hex(" ").upper()}
         self._writer.message(FRAMES, "foxglove.Log", stamp, body)

@@ -24,7 +24,7 @@ from hexwire.wire.robot_bodies import COMMAND_ARRAYS, JointCommands, TrajectoryP
 from hexwire.wire.servo_packet import parse_status
 
 from .line_reader import LineReader
-from .reading import CEILING, COOKED, Field, Inner, Reading, packet_problem, to_hex, u16
+from .reading import CEILING, COOKED, Field, FrameReading, Inner, packet_problem, to_hex, u16
 
 if TYPE_CHECKING:
     from .reading import Order, RegisterAccess
@@ -363,7 +363,7 @@ _SAMPLE = 16
 _DOUBT = " ! "
 
 
-def doubt(reading: Reading) -> str:
+def doubt(reading: FrameReading) -> str:
     """What is wrong or doubtful about a frame; empty if nothing is."""
     if reading.kind in ("bad", "garbage"):
         return reading.problem or FRAME["garbage"]
@@ -438,7 +438,7 @@ class Explainer:
         """Explain the incomplete bytes at the end."""
         yield from map(self.explain, self.lines.finish())
 
-    def explain(self, reading: Reading) -> Explained:
+    def explain(self, reading: FrameReading) -> Explained:
         """Explain one frame, packet, or bytes that are neither."""
         if reading.kind == "frame":
             return self._explain_frame(reading)
@@ -450,7 +450,7 @@ class Explainer:
         text = f"{reading.kind}, {len(data)} bytes, {problem}: {sample}"
         return Explained(reading.way, reading.time, reading.kind, data, text, (), problem, reading.text)
 
-    def dissect(self, reading: Reading) -> Part:
+    def dissect(self, reading: FrameReading) -> Part:
         """The tree of one frame, packet, or bytes that are neither; its leaves cover every byte once."""
         size = len(reading.data)
         if reading.kind == "frame":
@@ -468,7 +468,7 @@ class Explainer:
 
     # -- layers -------------------------------------------------------------------------------------
 
-    def _explain_frame(self, reading: Reading) -> Explained:
+    def _explain_frame(self, reading: FrameReading) -> Explained:
         raw = reading.data
         layers = [_session_layer(raw), _command_layer(raw)]
         inner = self._inner(reading)
@@ -485,7 +485,7 @@ class Explainer:
         text = str(parse_frame(raw[:-2] + t.TAIL))
         return Explained(reading.way, reading.time, "frame", raw, text, tuple(layers), problem, reading.text)
 
-    def _body_layer(self, reading: Reading) -> Layer:
+    def _body_layer(self, reading: FrameReading) -> Layer:
         fields: dict[str, Any] = {"text": reading.words}
         flags = self._board_flags(reading)
         if flags:
@@ -493,13 +493,13 @@ class Explainer:
             fields["board_flags"] = names
         return Layer("body", _flagged(reading.words, flags), fields)
 
-    def _explain_packet(self, reading: Reading) -> Explained:
+    def _explain_packet(self, reading: FrameReading) -> Explained:
         layer = self._servo_layer(reading.data, reading, "bus")
         return Explained(
             reading.way, reading.time, "servo packet", reading.data, layer.text, (layer,), "", reading.text
         )
 
-    def _servo_layer(self, data: bytes, reading: Reading, where: str) -> Layer:
+    def _servo_layer(self, data: bytes, reading: FrameReading, where: str) -> Layer:
         """Fields of a packet in a frame or on a bus."""
         words, reader = reading.words, self._reader
         try:
@@ -539,12 +539,12 @@ class Explainer:
 
     # -- frames -------------------------------------------------------------------------------------
 
-    def _inner(self, reading: Reading) -> Inner | None:
+    def _inner(self, reading: FrameReading) -> Inner | None:
         """The servo packet in the body of a frame; None if its command has none."""
         data = reading.data
         return self._reader.inner_packet(data, data[BODY_OFFSET : BODY_OFFSET + u16(data, 36)], reading.answer)
 
-    def _asked(self, reading: Reading) -> bytes | None:
+    def _asked(self, reading: FrameReading) -> bytes | None:
         """The servo packet of the request that a packet, or the one in a frame, answers; None if unknown."""
         request = reading.answers
         if request is None or request.kind == "packet":
@@ -552,7 +552,7 @@ class Explainer:
         inner = self._inner(request)
         return None if inner is None else inner.packet
 
-    def _frame(self, reading: Reading) -> tuple[Part, ...]:
+    def _frame(self, reading: FrameReading) -> tuple[Part, ...]:
         data = reading.data
         end = BODY_OFFSET + u16(data, 36)
         parts = list(_command_header(data))
@@ -563,20 +563,20 @@ class Explainer:
         session = Part("session header", 0, 32, words, FRAME["session header"], parts=header)
         return (session, _layer("command frame", 32, len(data), _command_words(data), parts))
 
-    def _board_flags(self, reading: Reading) -> int:
+    def _board_flags(self, reading: FrameReading) -> int:
         """The state of the board in a frame's body; 0 if it does not tell."""
         if command_name(reading.data[38]) not in _FLAGGED:
             return 0
         rows = self._rows(reading)
         return next((item.value or 0 for item in rows[0] if item.name == "board_flags"), 0) if rows else 0
 
-    def _rows(self, reading: Reading) -> list[list[Field]] | None:
+    def _rows(self, reading: FrameReading) -> list[list[Field]] | None:
         """The fields of a frame's body, then those of each row; None if it does not fit its command."""
         data, layout = reading.data, self._reader.layout(reading.data)
         body = data[BODY_OFFSET : BODY_OFFSET + u16(data, 36)]
         return self._reader.body_items(body, layout) if layout else None
 
-    def _body(self, reading: Reading, body: bytes) -> Part:
+    def _body(self, reading: FrameReading, body: bytes) -> Part:
         data, at, end = reading.data, BODY_OFFSET, BODY_OFFSET + len(body)
         inner = self._inner(reading)
         name = command_name(data[38])
@@ -627,7 +627,7 @@ class Explainer:
 
     # -- servo packets ------------------------------------------------------------------------------
 
-    def _packet(self, inner: Inner, at: int, reading: Reading) -> Part:
+    def _packet(self, inner: Inner, at: int, reading: FrameReading) -> Part:
         """A valid servo packet at an offset in the frame."""
         data = inner.packet
         end = at + len(data)
@@ -732,7 +732,7 @@ def _values(items: Iterable[Field], series: Series, address: int) -> Iterator[di
         yield entry
 
 
-def _is_status(reading: Reading, packet: bytes) -> bool:
+def _is_status(reading: FrameReading, packet: bytes) -> bool:
     """Whether a packet, or the one in a frame, is an answer of a servo or of a board."""
     return reading.answer or packet[1] == t.LEGACY_HEADER[1]
 
@@ -860,7 +860,7 @@ def _closing(data: bytes, end: int, problem: str) -> Iterator[Part]:
         yield Part("tail", tail, tail + 2, to_hex(found), FRAME["tail"], None, wrong)
 
 
-def _bad_frame(reading: Reading) -> tuple[Part, ...]:
+def _bad_frame(reading: FrameReading) -> tuple[Part, ...]:
     data = reading.data
     size = len(data)
     header = tuple(_header(data[:32]))
@@ -879,7 +879,7 @@ def _bad_frame(reading: Reading) -> tuple[Part, ...]:
     return (session, Part("command frame", 32, size, "", FRAME["command frame"], None, reading.problem, inside))
 
 
-def _bad_packet(reading: Reading) -> tuple[Part, ...]:
+def _bad_packet(reading: FrameReading) -> tuple[Part, ...]:
     data, size = reading.data, len(reading.data)
     parts = list(_packet_head(data, 0))
     whole = size > 5 and size == data[3] + 4

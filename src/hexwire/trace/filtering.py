@@ -24,7 +24,7 @@ from collections.abc import Callable, Iterator
 from hexwire.errors import UsageError
 from hexwire.wire import tables as t
 
-from .reading import Reading
+from .reading import FrameReading
 from .traffic import Entry
 
 __all__ = ["Condition", "parse_filter"]
@@ -45,7 +45,7 @@ def _is_request(entry: Entry) -> bool:
     return reading.kind in ("frame", "packet") and not reading.answer and not _is_report(reading)
 
 
-def _is_report(reading: Reading) -> bool:
+def _is_report(reading: FrameReading) -> bool:
     """Whether it is a frame that a board sends by itself: it asks nothing, and answers nothing."""
     return reading.kind == "frame" and reading.data[33] == 2 and reading.data[39] & 0xC0 == 0x40
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from hexwire.link.tap import Direction, Passed
 from hexwire.wire import tables
 
-from .reading import Reader, Reading
+from .reading import FrameReading, Reader
 from .reading_tables import TABLES
 
 __all__ = ["LineReader"]
@@ -39,9 +39,9 @@ class LineReader:
         self._framed: set[Direction] = set()
         # If the caller stops iterating early, the rest comes with the next transfer.
         self._left: deque[Passed] = deque()
-        self._found: deque[Reading] = deque()
+        self._found: deque[FrameReading] = deque()
 
-    def feed(self, passed: Passed) -> Iterator[Reading]:
+    def feed(self, passed: Passed) -> Iterator[FrameReading]:
         """Read the frames that this transfer completes."""
         for at in range(0, len(passed.data), _PIECE):
             self._left.append(passed._replace(data=passed.data[at : at + _PIECE]))
@@ -53,12 +53,12 @@ class LineReader:
             self.reader.line = self._lines[way] = self._line(way, data)
             self._found += self.reader.feed(data, way, time)
 
-    def silence(self, way: Direction, time: float = 0.0) -> list[Reading]:
+    def silence(self, way: Direction, time: float = 0.0) -> list[FrameReading]:
         """Give up an incomplete frame of one direction after a long pause."""
         self.reader.line = self._lines[way]
         return self.reader.silence(way, time)
 
-    def finish(self) -> Iterator[Reading]:
+    def finish(self) -> Iterator[FrameReading]:
         """Give up the incomplete bytes at the end."""
         for way in Direction:
             yield from self.silence(way)

@@ -23,7 +23,7 @@ from hexwire.link.tap import TRACE_VARIABLE, Direction, Missed, Passed, TapLink,
 
 from .chapter_log import format_passed, format_positions
 from .explain import Explained, Explainer
-from .reading import Reading
+from .reading import FrameReading
 
 if TYPE_CHECKING:
     from hexwire.model.state import JointState
@@ -275,7 +275,7 @@ class _TracedLink(TapLink):
         for way in Direction:
             yield from self._blocks(self._explainer.lines.silence(way, self._heard))
 
-    def _blocks(self, found: Iterable[Reading]) -> Iterator[str]:
+    def _blocks(self, found: Iterable[FrameReading]) -> Iterator[str]:
         for reading in found:
             yield from self._tracer.block(Passed(reading.way, reading.data, reading.time, self.url))
             if self._tracer.explain:

@@ -26,9 +26,9 @@ __all__ = [
     "HEAD_SIZE",
     "TAIL",
     "Field",
+    "FrameReading",
     "Inner",
     "Reader",
-    "Reading",
     "RegisterAccess",
     "has_ceiling_hazard",
     "packet_problem",
@@ -57,7 +57,7 @@ _READ_AT, _WRITTEN_AT = range(2, 3), range(1, 2)
 HEADER = re.compile(rb"\xff(?:\xff(?!\xff)|\xf5)")
 
 
-class Reading(NamedTuple):
+class FrameReading(NamedTuple):
     """One frame, packet, or bytes that are neither.
 
     Attributes:
@@ -85,7 +85,7 @@ class Reading(NamedTuple):
     words: str = ""
     problem: str = ""
     answer: bool = False
-    answers: Reading | None = None
+    answers: FrameReading | None = None
     line: str = "host"
 
 
@@ -190,13 +190,13 @@ class Reader:
         self.series = series
         self._rest: dict[Any, bytes] = {}  # stream -> bytes of an incomplete frame
         self._at: dict[Any, int] = {}  # stream -> their offset in it
-        self._asked: dict[Any, tuple[Reading, bytes]] = {}  # slot -> request, its servo packet
+        self._asked: dict[Any, tuple[FrameReading, bytes]] = {}  # slot -> request, its servo packet
 
-    def feed(self, data: bytes, way: Any = "", time: float = 0.0) -> list[Reading]:
+    def feed(self, data: bytes, way: Any = "", time: float = 0.0) -> list[FrameReading]:
         """Take bytes of one stream; returns the Readings that they complete."""
         return self._read(bytes(data), way, time, False)
 
-    def silence(self, way: Any = "", time: float = 0.0) -> list[Reading]:
+    def silence(self, way: Any = "", time: float = 0.0) -> list[FrameReading]:
         """Give up an incomplete frame after a long pause, or at the end."""
         return self._read(b"", way, time, True)
 
@@ -208,21 +208,21 @@ class Reader:
         """Name of a servo's series; None if unknown."""
         return self.tables["joints"].get(servo) if self.series == "board" else self.series
 
-    def _read(self, fresh: bytes, way: Any, time: float, final: bool) -> list[Reading]:
+    def _read(self, fresh: bytes, way: Any, time: float, final: bool) -> list[FrameReading]:
         data, base = self._rest.get(way, b"") + fresh, self._at.get(way, 0)
         pieces = list(self._cut_frames(data, final) if self.line == "host" else self._cut_packets(data, final))
         rest = pieces[-1].end if pieces else 0
         self._rest[way], self._at[way] = data[rest:], base + rest
         return [self._word(piece, data[piece.start : piece.end], way, base, time) for piece in pieces]
 
-    def _word(self, piece: Piece, data: bytes, way: Any, base: int, time: float) -> Reading:
+    def _word(self, piece: Piece, data: bytes, way: Any, base: int, time: float) -> FrameReading:
         place = way, base + piece.start, base + piece.end
         if piece.kind == "garbage":
-            return Reading("garbage", *place, f"garbage: {len(data)} bytes", data, time, line=self.line)
+            return FrameReading("garbage", *place, f"garbage: {len(data)} bytes", data, time, line=self.line)
         if piece.kind == "bad":
             name = "frame" if self.line == "host" else "packet"
             text = f"bad {name}: {piece.problem}"
-            return Reading("bad", *place, text, data, time, "", piece.problem, line=self.line)
+            return FrameReading("bad", *place, text, data, time, "", piece.problem, line=self.line)
         if piece.kind == "packet":
             return self._packet(place, data, time)
         return self._frame(place, data, time, piece.kind == "cooked")
@@ -312,7 +312,7 @@ class Reader:
 
     # -- matching answers with requests -------------------------------------------------------------
 
-    def _frame(self, place: tuple[Any, int, int], data: bytes, time: float, cooked: bool) -> Reading:
+    def _frame(self, place: tuple[Any, int, int], data: bytes, time: float, cooked: bool) -> FrameReading:
         dialect, seq, cmd, ext = data[33], data[34], data[38], data[39]
         reply, report = dialect == 2 and ext & 0x80, dialect == 2 and ext & 0x40
         src, dst = _i32(data, 16), _i32(data, 20)
@@ -327,18 +327,18 @@ class Reader:
             text += MARKER
         text += ICRNL if cooked else ""
         before = asked[0] if asked else None
-        found = Reading("frame", *place, text, data, time, words + hazard, "", from_board, before)
+        found = FrameReading("frame", *place, text, data, time, words + hazard, "", from_board, before)
         if not from_board and (reply or not report) and not (dialect == 1 and cmd == CMD_SYNC_WRITE):
             self._asked[slot] = (found, body[2:] if cmd == CMD_TRANSACT else body)
             if len(self._asked) > MOST_ASKED:
                 del self._asked[next(iter(self._asked))]
         return found
 
-    def _packet(self, place: tuple[Any, int, int], data: bytes, time: float) -> Reading:
+    def _packet(self, place: tuple[Any, int, int], data: bytes, time: float) -> FrameReading:
         asked = self._asked.get("bus")
         words, answer, hazard = self._servo_words(data, asked[1] if asked else None, "bus", None)
         text, before = words + hazard, asked[0] if answer and asked else None
-        found = Reading("packet", *place, text, data, time, text, "", answer, before, "bus")
+        found = FrameReading("packet", *place, text, data, time, text, "", answer, before, "bus")
         if not answer:
             self._asked["bus"] = (found, data)
         elif asked and asked[1][4] != SYNC_READ:

@@ -18,7 +18,7 @@ from hexwire.link.tap import Direction, Passed
 
 from .explain import doubt
 from .line_reader import LineReader
-from .reading import HEAD_SIZE, TAIL, Reader, Reading, packet_problem, u16
+from .reading import HEAD_SIZE, TAIL, FrameReading, Reader, packet_problem, u16
 
 __all__ = ["Entry", "Traffic", "TrafficRing"]
 
@@ -93,7 +93,7 @@ class Entry:
     """
 
     number: int
-    reading: Reading
+    reading: FrameReading
     problem: str
     servos: tuple[int, ...]
     name: str
@@ -154,7 +154,7 @@ class Traffic:
         self._number = 0
         self._heard: dict[Direction, float] = {}
         # Until the first valid frame of a direction: the bytes before it.
-        self._before: dict[Direction, list[Reading]] = {way: [] for way in Direction}
+        self._before: dict[Direction, list[FrameReading]] = {way: [] for way in Direction}
         self.lost = 0
 
     def __len__(self) -> int:
@@ -198,7 +198,7 @@ class Traffic:
         for way in Direction:
             self._begin(way, rest=False)
 
-    def _take(self, reading: Reading) -> None:
+    def _take(self, reading: FrameReading) -> None:
         """Add a reading, but for the rest of a frame that began before the traffic: nothing is wrong with it."""
         before = self._before.get(reading.way)
         if before is not None:
@@ -233,7 +233,7 @@ class Traffic:
         found.reverse()
         return found
 
-    def _add(self, reading: Reading) -> None:
+    def _add(self, reading: FrameReading) -> None:
         self._number += 1
         entry = Entry(self._number, reading, doubt(reading), _servos(reading, self._lines.reader), _name(reading))
         asked = reading.answers
@@ -254,13 +254,13 @@ class Traffic:
             self.lost += 1
 
 
-def _ends_frame(before: list[Reading]) -> bool:
+def _ends_frame(before: list[FrameReading]) -> bool:
     """Whether the bytes are what the end of a frame may be."""
     data = b"".join(each.data for each in before)
     return data.endswith(TAIL) or TAIL.endswith(data)
 
 
-def _name(reading: Reading) -> str:
+def _name(reading: FrameReading) -> str:
     """Command or instruction; empty if it has none."""
     reader = _READER
     if reading.kind == "frame":
@@ -271,7 +271,7 @@ def _name(reading: Reading) -> str:
     return "status" if reading.kind == "packet" else ""
 
 
-def _servos(reading: Reading, reader: Reader) -> tuple[int, ...]:
+def _servos(reading: FrameReading, reader: Reader) -> tuple[int, ...]:
     if reading.kind == "packet":
         return _packet_servos(reading.data, reading.answer, reader)
     if reading.kind != "frame":

@@ -30,7 +30,7 @@ from hexwire.drivers.abilities import SetPoints
 from hexwire.drivers.bus_arm import BusArm
 from hexwire.errors import HexwireError, LinkError
 from hexwire.model.state import JointTarget
-from hexwire.motion.following import Behind, Follow, Following
+from hexwire.motion.following import Behind, Following, FollowStep
 
 from .config_hexwire import (
     HexwireHex7botConfig,
@@ -391,7 +391,7 @@ class HexwireRobot(HexwireDevice, Robot):
         here = self._here
         return any(abs(angle - here[name]) > _FAR for name, angle in goal.items())
 
-    def _behind(self, step: Follow, capped: frozenset[str]) -> dict[str, Behind]:
+    def _behind(self, step: FollowStep, capped: frozenset[str]) -> dict[str, Behind]:
         """Why joints are not sent where the action leads them, also before they have met it."""
         found = dict.fromkeys(capped, Behind.DISTANCE)
         if not step.met:

@@ -58,7 +58,7 @@ if TYPE_CHECKING:
     from .preview import Preview
 
 __all__ = [
-    "Ask",
+    "Confirmation",
     "Move",
     "Program",
     "Repeat",
@@ -117,7 +117,7 @@ class Wait:
 
 
 @dataclass(frozen=True, slots=True)
-class Ask:
+class Confirmation:
     """A pause until a person says that it goes on."""
 
     text: str
@@ -131,7 +131,7 @@ class Repeat:
     steps: tuple[Step, ...]
 
 
-Step = Move | Wait | Ask | Repeat
+Step = Move | Wait | Confirmation | Repeat
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +146,7 @@ class Program:
     steps: tuple[Step, ...]
     folder: Path = Path()
 
-    def run_from(self, first: int = 1, times: int = 1) -> Iterator[tuple[str, Move | Wait | Ask]]:
+    def run_from(self, first: int = 1, times: int = 1) -> Iterator[tuple[str, Move | Wait | Confirmation]]:
         """What is done, in its order, with the number of each step, such as ``3``, or ``3.1`` in a repetition.
 
         Args:
@@ -170,7 +170,7 @@ class Program:
     @property
     def asks(self) -> bool:
         """Whether a person must be there to say that it goes on."""
-        return any(isinstance(step, Ask) for _, step in self.run_from())
+        return any(isinstance(step, Confirmation) for _, step in self.run_from())
 
     def rows(self) -> list[dict[str, Any]]:
         """Its steps as the values of its file."""
@@ -183,7 +183,9 @@ class Program:
         return "\n".join(lines) + "\n"
 
 
-def _unrolled(steps: tuple[Step, ...], before: str, first: int = 1) -> Iterator[tuple[str, Move | Wait | Ask]]:
+def _unrolled(
+    steps: tuple[Step, ...], before: str, first: int = 1
+) -> Iterator[tuple[str, Move | Wait | Confirmation]]:
     for i, step in enumerate(steps[first - 1 :], first):
         if not isinstance(step, Repeat):
             yield f"{before}{i}", step
@@ -226,7 +228,7 @@ def check_program(
 
 
 def along(
-    steps: Iterable[tuple[str, Move | Wait | Ask]],
+    steps: Iterable[tuple[str, Move | Wait | Confirmation]],
     start: Mapping[str, float],
     check: Callable[[str, Move, dict[str, float]], tuple[_T, dict[str, float]]],
 ) -> Iterator[_T]:
@@ -316,7 +318,7 @@ def _step(item: Item, speed: float, left: list[int], depth: int) -> Step:
     if kind == "wait":
         return Wait(item.table(("wait",))["wait"].number(0.0, _LONGEST_WAIT, "s"))
     if kind == "ask":
-        return Ask(item.table(("ask",))["ask"].text(_LONGEST_TEXT, least=1))
+        return Confirmation(item.table(("ask",))["ask"].text(_LONGEST_TEXT, least=1))
     if kind == "repeat":
         row = item.table(("repeat", "steps"), needed=("steps",))
         times = row["repeat"].integer(1, _MOST_RUN)
@@ -405,7 +407,7 @@ def _rows(steps: tuple[Step, ...]) -> list[dict[str, Any]]:
 def _row(step: Step) -> dict[str, Any]:
     if isinstance(step, Wait):
         return {"wait": _rounded(step.seconds)}
-    if isinstance(step, Ask):
+    if isinstance(step, Confirmation):
         return {"ask": step.text}
     if isinstance(step, Repeat):
         return {"repeat": step.times, "steps": _rows(step.steps)}
