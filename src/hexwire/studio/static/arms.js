@@ -1,17 +1,20 @@
-// The page Arms: what is plugged in, what it probably is, and opening it; below, the arms that are shared. Owns its tables
-// and the form; the server finds the ports, and opens them.
+// The page Arms: the stop of all arms, what is plugged in, what it probably is, and opening it; below, all arms. Owns its
+// tables and the form; the server finds the ports, and opens them.
 
 import hexwire from "./live.js";
 import { mountFleet } from "./fleet.js";
 import { go } from "./studio.js";
-import { fill, html } from "./widgets.js";
+import { fill, html, loadSheet } from "./widgets.js";
 
 const LOOK = 2000; // ms between two looks at the ports
 
 export async function mount(element, { operates }) {
-  fill(element, html`<div class="hw-present"></div>
+  await loadSheet("/static/arms.css");
+  if (!element.isConnected) return;
+  fill(element, html`<section class="hw-fleet-bar" aria-label="Stop"></section>
+    <div class="hw-arms-head"><div class="hw-present"></div>
     <p>A new arm, or one that was never calibrated? <a href="/first">First run</a> takes you from its cable to its first motion,
-      one step at a time.</p><div id="hw-ports"></div><div id="hw-emulated"></div>
+      one step at a time.</p></div><div id="hw-ports"></div><div id="hw-emulated"></div>
     <form class="hw-row" autocomplete="off">
       <div class="hw-field hw-choice"><label for="hw-url">Port or address</label>
         <input id="hw-url" name="url" placeholder="zenoh:lab/arm1" maxlength="200"></div>
@@ -20,8 +23,8 @@ export async function mount(element, { operates }) {
       ${operates && html`<button class="hw-button" type="submit" aria-label="Open this address">Open</button>`}
     </form>
     <p class="hw-dim" id="hw-warning"></p>
-    <section class="hw-fleet" aria-labelledby="hw-shared"><h2 id="hw-shared">Shared arms</h2><div></div></section>`);
-  mountFleet(element.querySelector(".hw-fleet > div"), { tab: hexwire.key, operates });
+    <section class="hw-fleet" aria-labelledby="hw-shared"><h2 id="hw-shared">All arms, here and shared</h2><div></div></section>`);
+  mountFleet(element.querySelector(".hw-fleet-bar"), element.querySelector(".hw-fleet > div"), { tab: hexwire.key, operates });
   const find = (selector) => element.querySelector(selector);
   const present = find(".hw-present"), ports = find("#hw-ports"), form = find("form");
   let open = "";
@@ -57,7 +60,7 @@ export async function mount(element, { operates }) {
   element.addEventListener("click", async ({ target }) => {
     const button = target.closest("button[data-do]");
     if (button?.dataset.do === "close") hexwire.act("close");
-    else if (button) openAddress(button.dataset.url, button.closest("tr").querySelector("select")?.value || "");
+    else if (button) openAddress(button.dataset.url, button.closest("tr").querySelector("select")?.value ?? "");
   });
   form.addEventListener("submit", (event) => {
     event.preventDefault();
@@ -66,7 +69,7 @@ export async function mount(element, { operates }) {
 
   // What was there a moment ago is shown at once: a table that comes later would push its neighbours away.
   const begin = () => hexwire.call("ports.known").then((known) => {
-    fill(find("#hw-emulated"), table("Without hardware", known.emulated, known, operates));
+    fill(find("#hw-emulated"), table("Without hardware", known.emulated, known, operates, false));
     form.elements.robot.append(...known.robots.map((name) => new Option(name)));
     find("#hw-warning").textContent = operates ? `A serial port, or a bridge to one: ${known.warning}.` : "";
     show(known);
@@ -82,18 +85,19 @@ function presentMarkup(facts, operates) {
     ${operates && html`<button class="hw-button" type="button" data-do="close" aria-label="Close what is open">Close</button>`}</div>`;
 }
 
-function table(caption, rows, known, operates) {
+/** Ports; of an emulated one there is no more to say than what it is. */
+function table(caption, rows, known, operates, real = true) {
   const choice = (row) => {
-    if (row.device.startsWith("sim://")) return row.robots[0];
     const names = [...new Set([...row.robots, known.default, ...known.robots])];
     return html`<select aria-label="Robot on ${row.device}">${names.map((name) => html`<option>${name}</option>`)}</select>`;
   };
   return html`<table class="hw-table hw-ports"><caption class="hw-caption">${caption}</caption>
-    <thead><tr><th scope="col">Port</th><th scope="col">Probably</th><th scope="col">State</th><th scope="col">Robot</th>
-      <td></td></tr></thead>
+    <thead><tr><th scope="col">Port</th>${real
+      ? html`<th scope="col" class="hw-guess">Probably</th><th scope="col">State</th><th scope="col" class="hw-robot">Robot</th>`
+      : html`<th scope="col">What it is</th>`}<td class="hw-open"></td></tr></thead>
     <tbody>${rows.map((row) => html`<tr><th scope="row" class="hw-code">${row.device}</th><td>${row.guess}</td>
-      <td><div class="${row.obstacle && "hw-bad"}">${row.obstacle || "can be opened"}</div><div class="hw-dim">${row.advice}</div></td>
-      <td>${choice(row)}</td>
-      <td>${operates && html`<button class="hw-button" type="button" data-do="open" data-url="${row.device}"
+      ${real && html`<td><div class="${row.obstacle && "hw-bad"}">${row.obstacle || "can be opened"}</div><div class="hw-dim">${row.advice}</div></td>
+      <td>${choice(row)}</td>`}
+      <td class="hw-open">${operates && html`<button class="hw-button" type="button" data-do="open" data-url="${row.device}"
         aria-label="Open ${row.device}">Open</button>`}</td></tr>`)}</tbody></table>`;
 }

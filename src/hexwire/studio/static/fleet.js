@@ -3,16 +3,15 @@
 
 import hexwire from "./live.js";
 import { go } from "./studio.js";
-import { loadSheet, node, put } from "./widgets.js";
+import { node, put } from "./widgets.js";
 
 const PERIOD = 150; // ms between two looks: what is old is grey within a second
 const OLD = 750; // ms after an answer
 const HEAD = ["Arm", "State", "Faults", "Control", "Torque", "Age, ms", "Robot", "Computer", ""];
 
-export async function mountFleet(root, args) {
-  await loadSheet("/static/fleet.css");
-  if (!root.isConnected) return;
-  new FleetPage(root, args.tab, args.operates);
+/** `bar` gets the stop of all arms and what became of it, `root` the arms. */
+export function mountFleet(bar, root, args) {
+  new FleetPage(bar, root, args.tab, args.operates);
 }
 
 function condition(arm) {
@@ -22,7 +21,7 @@ function condition(arm) {
 }
 
 class FleetPage {
-  constructor(root, tab, operate) {
+  constructor(bar, root, tab, operate) {
     this.root = root;
     this.tab = tab;
     this.operate = operate;
@@ -37,10 +36,9 @@ class FleetPage {
     this.table = node("table", { class: "hw-fleet-table", hidden: true },
       node("thead", {}, node("tr", {}, ...HEAD.map((text) => node("th", { scope: "col" }, text || node("span", { class: "hw-fleet-hidden" }, "Actions"))))),
       this.body);
+    // What is told has a place of its own: no button must move by it.
+    bar.replaceChildren(this.stopAll, node("div", { class: "hw-fleet-told" }, this.summary, this.results, this.refusal, this.problem));
     root.replaceChildren(
-      node("div", { class: "hw-fleet-bar" }, this.stopAll, this.summary),
-      // In a place of its own: the buttons of the arms must not move when something is told.
-      node("div", { class: "hw-fleet-told" }, this.results, this.refusal, this.problem),
       node("div", { class: "hw-fleet-scroll" }, this.table),
       this.note);
     const seen = () => (this.root.isConnected ? this.poll() : document.removeEventListener("visibilitychange", seen));
