@@ -1,19 +1,33 @@
-"""Requests to routes of the studio without a server: what they answer to whom."""
+"""Requests to routes and calls of the studio without a server: what they answer to whom."""
 
 from __future__ import annotations
 
 import asyncio
 import json
 from collections.abc import Sequence
-from typing import Any
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 from urllib.parse import urlencode
 
 from starlette.routing import BaseRoute, Router
 
 from hexwire.studio.access import BrowserSession
 from hexwire.studio.guard import SESSION
+from hexwire.studio.live import _Call
 
-__all__ = ["Asker"]
+if TYPE_CHECKING:
+    from hexwire.studio.app import Studio
+    from hexwire.studio.tabs import Tab
+
+__all__ = ["Asker", "answer_of"]
+
+
+def answer_of(studio: Studio, tab: Tab, name: str, args: dict[str, Any]) -> dict[str, Any]:
+    """What a page hears of its call: its ``value``, or its ``error`` in words."""
+    told = list[str]()
+    line: Any = SimpleNamespace(tab=tab, put=told.append)
+    asyncio.run(studio.live._answer(line, _Call(1, name, args)))
+    return dict(json.loads(told[0]))
 
 
 class Asker:

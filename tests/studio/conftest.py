@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     )
 
 _SERVERS_OWN = re.compile(
-    r"AnyIO worker thread|asyncio_\d+|(studio|fleet) stops(_\d+)?|studio( orders| pages| files)?_\d+"
+    r"AnyIO worker thread|asyncio_\d+|(studio|fleet) stops(_\d+)?|studio (orders|waits|computes|files)_\d+"
 )
 """Threads of the server of this worker, which begin when they are first needed."""
 _VIEWPORT: ViewportSize = {"width": 1440, "height": 900}

@@ -18,6 +18,10 @@ import time
 from collections import Counter
 from urllib.parse import quote, urlsplit
 
+from websockets.exceptions import WebSocketException
+from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Origin
+
 _PATIENCE = 60.0
 _LOG = b"0000: FF FF 01 02 01 FB\n" * 20_000
 _PATHS = {
@@ -53,23 +57,35 @@ def main() -> None:
                 done[f"{role} {answer.status}"] += 1
             return data
 
+        def call(socket: ClientConnection, order: str) -> None:
+            socket.send(order)
+            while '"answer"' not in (told := str(socket.recv(timeout=_PATIENCE))):
+                pass
+            done[role + (" 200" if '"value"' in told else told)] += 1
+
         ask(f"/?token={operate if role in ('plan', 'upload') else watch}")
-        if role == "upload":
+        socket: ClientConnection | None = None
+        if role in ("plan", "upload"):
             found = re.search(rb'name="hexwire-tab" content="([^"]+)"', ask("/"))
             assert found is not None
             tab = found[1].decode()
         tab = tab or ""
+        if role == "plan":
+            address = url.replace("http", "ws", 1) + f"/live?tab={tab}"
+            cookie = {"Cookie": headers["Cookie"]}
+            socket = connect(address, origin=Origin(url), additional_headers=cookie, compression=None)
         begun.wait(_PATIENCE)
-        order = json.dumps({"do": "preview", "name": recording}).encode()
+        args = {"motion": {"what": "play", "recording": recording}}
+        order = json.dumps({"do": "call", "id": 1, "name": "arm.preview", "args": args})
         while not ended.is_set():
             try:
-                if role == "plan":
-                    ask("/data/recordings", order)
+                if socket is not None:
+                    call(socket, order)
                 elif role == "upload":
                     ask(f"/wire/open?tab={quote(tab)}&name=log", _LOG)
                 else:
                     ask(_PATHS[role].format(time.monotonic() - 60.0))
-            except (OSError, http.client.HTTPException):
+            except (OSError, http.client.HTTPException, WebSocketException):
                 done[f"{role} lost"] += 1
                 line.close()
 

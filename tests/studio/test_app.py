@@ -16,7 +16,7 @@ from hexwire.control.loop.power import Stopped
 from hexwire.errors import LeaseError
 from hexwire.studio.access import Access, Right
 from hexwire.studio.app import Studio
-from hexwire.studio.calls import Arguments, Asked, Call, _calls
+from hexwire.studio.calls import Arguments, Asked, Call, CallLane, _calls
 from hexwire.studio.source import Source
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def test_those_who_operate_wait_for_nobody_who_watches(tmp_path: Path, monkeypat
     def act(asked: Asked, args: Arguments) -> object:
         return "done" if asked.tab is operator else go.wait(PATIENCE)
 
-    monkeypatch.setitem(_calls, "wait", Call("wait", Arguments, act, Right.WATCH, control=False, computes=False))
+    monkeypatch.setitem(_calls, "wait", Call("wait", Arguments, act, Right.WATCH, False, lambda _: CallLane.WAITS))
 
     async def ask() -> None:
         watching = [asyncio.create_task(studio.call(tab, "wait", {})) for tab in tabs]
@@ -124,9 +124,12 @@ def test_what_pages_compute_takes_one_thread_of_each_right(tmp_path: Path) -> No
                 running[key] -= 1
 
     async def ask() -> None:
-        watching = [asyncio.create_task(studio.compute(Right.WATCH, partial(work, Right.WATCH))) for _ in range(64)]
+        watching = [
+            asyncio.create_task(studio.run(CallLane.COMPUTES, Right.WATCH, partial(work, Right.WATCH)))
+            for _ in range(64)
+        ]
         for _ in range(10):
-            await studio.compute(Right.OPERATE, partial(work, Right.OPERATE))
+            await studio.run(CallLane.COMPUTES, Right.OPERATE, partial(work, Right.OPERATE))
         go.set()
         await asyncio.gather(*watching)
 

@@ -6,6 +6,7 @@ import contextlib
 import dataclasses
 import json
 import socket
+import threading
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -83,7 +84,7 @@ def test_a_page_whose_session_has_ended_stops_the_arm_and_does_nothing_else(
     tab = owner.page()
     studio.studio.access.leave(owner.cookie.partition("=")[2])
     assert owner.ask("/fleet/stop?all=1", "POST", b"")[0] == 401
-    assert owner.ask("/data/recordings", "POST", b'{"do": "record"}')[0] == 401
+    assert owner.ask("/data/recording?name=a.mcap", "POST", b"a")[0] == 401
     assert _is_refused(owner, f"/live?tab={tab}")
     assert owner.ask("/stop", "POST", b"", Origin="http://evil.example")[0] == 403
     assert owner.ask("/stop", "POST", b"", Cookie=owner.cookie[:-4] + "AAAA")[0] == 401
@@ -206,6 +207,34 @@ def test_a_thousand_sockets_of_nobody_do_not_keep_a_stop_away(
             crowd.pop(0).close()
     assert owner.ask("/stop", "POST", b"")[0] == 200
     studio.until(lambda: studio.arm.owner.group.reason is not None, "the stop")
+
+
+def test_a_thousand_calls_of_a_watcher_are_refused_and_keep_nobody_waiting(
+    studio: RunningStudio, owner: Visitor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    watcher, free = Visitor(studio, studio.studio.access.watch_token), threading.Event()
+    monkeypatch.setattr(studio.studio.files[Right.WATCH], "ask", lambda *_: free.wait(30) and b"{}")
+    call = {"do": "call", "id": 1, "name": "recordings"}
+    try:
+        with (
+            watcher.socket(f"/live?tab={watcher.page()}") as line,
+            watcher.socket(f"/live?tab={watcher.page()}") as second,
+            owner.socket(f"/live?tab={owner.page()}") as mine,
+        ):
+            for _ in range(_THOUSAND):
+                line.send(json.dumps(call))
+            until(lambda: "too much at a time" in str(line.recv(timeout=30)), "a refusal")
+            # They count for its whole session.
+            second.send(json.dumps(call))
+            until(lambda: "too much at a time" in str(second.recv(timeout=30)), "the other refusal")
+            assert studio.studio._calls.total() == 8
+            mine.send(json.dumps(call))
+            until(lambda: '"entries":[' in str(mine.recv(timeout=30)), "the answer to an operator")
+            mine.send(json.dumps({"do": "stop"}))
+            until(lambda: '"stopping"' in str(mine.recv(timeout=30)), "the answer to the stop")
+    finally:
+        free.set()
+    studio.until(lambda: not studio.studio._calls, "the end of the calls")
 
 
 def test_a_session_has_a_bounded_number_of_sockets(

@@ -12,6 +12,7 @@ import http.client
 import json
 import math
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -24,12 +25,13 @@ from typing import Any
 
 import pytest
 from tests.few import few
+from tests.studio.asking import answer_of
 from tests.studio.held import Held
 from tests.studio.running import PATIENCE, RunningStudio, Visitor, fill_history
 
 from hexwire.studio.access import Right
+from hexwire.studio.calls import _calls
 from hexwire.studio.files import make_routes
-from hexwire.studio.recordings_api import recordings_routes
 from hexwire.studio.server import PAGES
 from hexwire.studio.wire_api import wire_routes
 from hexwire.trace.recording import RecordingWriter
@@ -119,13 +121,27 @@ _TRIES = 60
 _LOG = b"0000: FF FF 01 02 01 FB\n" * 100_000
 
 
-def _order(what: str) -> bytes:
-    return json.dumps({"do": what, "name": "crowd.mcap"}).encode()
+_NAME = {"name": "crowd.mcap"}
+_CALLS: list[tuple[str, dict[str, Any]]] = [
+    ("recordings", {}),
+    ("recordings.geometry", {"robot": "hex7bot"}),
+    ("recordings.geometry", {"robot": "so101"}),
+    ("recordings.recover", _NAME),
+    ("recordings.record", {}),
+    ("recordings.end", {}),
+    ("recordings.twin", _NAME),
+    ("recordings.end_twin", {}),
+    ("recordings.remove", _NAME),
+    ("wire.rows", {}),
+    ("wire.frame", {"number": 1}),
+    ("wire.series", {"series": "scs"}),
+    ("wire.line", {}),
+]
+"""What is asked by name, of recordings and of a file of traffic."""
 
 
 def _work(upload: bytes) -> dict[tuple[str, str], list[tuple[str, bytes | None]]]:
     """For each method and route, what is asked of it: queries, and bodies of what is sent."""
-    orders = [_order(what) for what in ("preview", "recover", "record", "end", "twin", "twin_stop", "remove")]
     return {
         ("GET", "/data/history"): [("", None), ("after=1", None)],
         ("GET", "/data/history.csv"): [("", None)],
@@ -136,15 +152,8 @@ def _work(upload: bytes) -> dict[tuple[str, str], list[tuple[str, bytes | None]]
         ("GET", "/data/recording.mcap"): [("name=crowd.mcap", None)],
         ("GET", "/data/picture"): [("name=crowd.mcap&topic=/camera/front&at=1.7e9", None)],
         ("POST", "/data/recording"): [("name=sent.mcap", upload)],
-        ("GET", "/data/recordings"): [("", None)],
-        ("POST", "/data/recordings"): [("", order) for order in orders],
-        ("GET", "/data/geometry"): [(f"robot={robot}", None) for robot in ("hex7bot", "so101")],
-        ("GET", "/wire/rows"): [("since=0", None)],
-        ("GET", "/wire/frame"): [("number=1", None)],
         ("GET", "/wire/save"): [("form=pcapng", None), ("form=mcap", None)],
         ("POST", "/wire/open"): [("name=log", _LOG)],
-        ("POST", "/wire/series"): [("series=scs", b"")],
-        ("POST", "/wire/live"): [("", b"")],
     }
 
 
@@ -162,6 +171,14 @@ def _ask(studio: RunningStudio, visitor: Visitor, path: str, body: bytes | None)
         line.close()
     assert answer.status == 200, begin
     return begin
+
+
+def _answer(line: Any, name: str, args: dict[str, Any]) -> str:
+    """The beginning of the answer to a call; of a recording that is made or gone by now, that it is refused."""
+    line.send(json.dumps({"do": "call", "id": 1, "name": name, "args": args}))
+    while not isinstance(told := line.recv(timeout=2 * PATIENCE), str) or '"answer"' not in told[:40]:
+        pass
+    return told[:4096]
 
 
 def _held(call: Callable[[], object]) -> float:
@@ -210,9 +227,10 @@ def test_no_work_for_a_page_holds_the_interpreter_for_long(studio: RunningStudio
     visitor = Visitor(studio, studio.studio.access.operate_token)
     work = _work((folder / "crowd.mcap").read_bytes())
     found = lambda: studio.studio  # noqa: E731
-    routes = [*make_routes(found), *recordings_routes(found), *wire_routes(found)]
+    routes = [*make_routes(found), *wire_routes(found)]
     methods = {(method, route.path) for route in routes for method in (route.methods or ()) if method != "HEAD"}
     assert methods == set(work)
+    assert {name for name in _calls if re.match("recordings|wire", name)} == {name for name, _ in _CALLS}
     held = dict[str, float]()
     try:
         for (_, path), asked in work.items():
@@ -223,6 +241,12 @@ def test_no_work_for_a_page_holds_the_interpreter_for_long(studio: RunningStudio
                 address = f"{path}?{query}{tab}"
                 took = _held(lambda: _ask(studio, visitor, address, body))  # noqa: B023  # called now
                 held[f"{path}?{query} {(body or b'')[:40]!r}"] = took
+        for name, args in _CALLS:
+            key = visitor.page("/wire")
+            with visitor.socket(f"/live?tab={key}", compression=None) as line:
+                if name.startswith("wire."):
+                    _ask(studio, visitor, f"/wire/open?name=log&tab={key}", _LOG[:100_000])
+                held[f"{name} {args}"] = _held(lambda: _answer(line, name, args))  # noqa: B023  # called now
         for page in PAGES:
             held[page] = _held(lambda: visitor.page(page))  # noqa: B023  # called now
     finally:
@@ -242,8 +266,10 @@ def test_a_stop_needs_no_process_for_files_and_pages_hear_of_its_end(
 ) -> None:
     access = studio.studio.access
     operator, watcher = Visitor(studio, access.operate_token), Visitor(studio, access.watch_token)
-    process = studio.studio._files[Right.WATCH]
-    watcher.ask("/data/recordings")
+    process = studio.studio.files[Right.WATCH]
+    tab = studio.studio.tabs.find(watcher.page(), watcher.cookie.partition("=")[2])
+    assert tab is not None
+    assert "value" in answer_of(studio.studio, tab, "recordings", {})
     pid = process.pid
     assert pid is not None
     fill_history(studio.studio.source.arm)
@@ -263,6 +289,5 @@ def test_a_stop_needs_no_process_for_files_and_pages_hear_of_its_end(
     thread.join(PATIENCE)
     end = "has ended with status -9" if killed else "was silent for 2 s and was ended"
     assert told == [f"the process that reads and writes files for pages {end}; try again"]
-    status, _, answer = watcher.ask("/data/recordings")
-    assert (status, "entries" in json.loads(answer)) == (200, True)
+    assert "entries" in answer_of(studio.studio, tab, "recordings", {})["value"]
     assert process.pid != pid

@@ -14,7 +14,7 @@ from websockets.exceptions import ConnectionClosed
 
 from hexwire.errors import UsageError
 from hexwire.studio.access import Right
-from hexwire.studio.calls import _calls
+from hexwire.studio.calls import CallLane, _calls
 from hexwire.studio.live import Live, _Socket
 
 if TYPE_CHECKING:
@@ -197,7 +197,7 @@ def test_a_call_from_before_a_stop_is_not_carried_out(
     owner, done, free = Visitor(studio, studio.studio.access.operate_token), list[str](), threading.Event()
     arm = studio.studio.source.need_arm()
     monkeypatch.setattr(arm.motions.poses, "remove", done.append)
-    workers = studio.studio._workers[Right.OPERATE]
+    workers = studio.studio._lanes[CallLane.WAITS, Right.OPERATE]
     with owner.socket(f"/live?tab={owner.page()}") as line:
         _answer(line, {"id": 1, "name": "take"})
         number = arm.stops
@@ -303,6 +303,18 @@ def test_whoever_sends_without_end_keeps_nobody_else_waiting() -> None:
         assert clock[0] - begun > 5.0, "long ones count more"
     finally:
         loop.close()
+
+
+def test_a_page_that_reads_nothing_is_given_up_before_much_waits_for_it() -> None:
+    large = _Socket(None, SimpleNamespace(grant=0, key=""), 30.0)  # type: ignore[arg-type]
+    large.put("x" * (9 << 20))
+    assert not large.too_slow, "one answer may be as long as it has to be"
+    for size, most in ((1 << 20, 5), (1, 64)):
+        socket, count = _Socket(None, SimpleNamespace(grant=0, key=""), 30.0), 0  # type: ignore[arg-type]
+        while not socket.too_slow:
+            socket.put("x" * size)
+            count += 1
+        assert most < count <= most + 1
 
 
 def test_a_page_hears_of_a_studio_that_has_nothing_to_tell(served: RunningStudio) -> None:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from tests.studio.running import RunningStudio
 
 
-@pytest.mark.parametrize("path", ["/", "/static/live.js", "/wire/rows"])
+@pytest.mark.parametrize("path", ["/", "/static/live.js", "/wire/save"])
 def test_nothing_is_served_without_a_session(served: RunningStudio, path: str) -> None:
     with pytest.raises(urllib.error.HTTPError) as refused:
         urllib.request.urlopen(served.url + path, timeout=30)

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import threading
 from collections.abc import Callable, Iterator
-from typing import SupportsIndex
+from typing import Any, SupportsIndex
 
 import pytest
-from tests.studio.asking import Asker
+from tests.studio.asking import Asker, answer_of
 
 from hexwire.link.tap import Passed
 from hexwire.studio.access import Access, Right
 from hexwire.studio.app import Studio
+from hexwire.studio.tabs import Tab
 from hexwire.studio.wire_api import wire_routes
 from hexwire.studio.wire_view import LARGEST_FILE
 from hexwire.trace.sources import read_traffic
@@ -25,11 +28,17 @@ class Desk:
     def __init__(self) -> None:
         self.studio = Studio(Access(frozenset()))
         session = self.studio.access.admit(Right.OPERATE, 0.0)
-        self.operators = self.studio.tabs.open(session.key, Right.OPERATE).key
+        self.operators = self.studio.tabs.open(session.key, Right.OPERATE)
         self.operate = Asker(wire_routes(lambda: self.studio), session)
         self.session = self.studio.access.admit(Right.WATCH, 0.0)
-        self.tab = self.studio.tabs.open(self.session.key, Right.WATCH).key
+        self.viewers = self.studio.tabs.open(self.session.key, Right.WATCH)
+        self.tab = self.viewers.key
         self.ask = Asker(wire_routes(lambda: self.studio), self.session)
+
+    def call(self, name: str, tab: Tab | None = None, **args: object) -> Any:
+        """The value of the answer to a call; its error in words if it has none."""
+        found = answer_of(self.studio, tab or self.viewers, f"wire.{name}", args)
+        return found["value"] if "value" in found else found["error"]
 
 
 @pytest.fixture
@@ -42,57 +51,73 @@ def desk() -> Iterator[Desk]:
 def test_a_viewer_opens_a_file_and_sees_its_frames(desk: Desk) -> None:
     opened = desk.ask("/wire/open", "POST", [PING[:7], PING[7:]], tab=desk.tab, name="a.txt")
     assert opened == {"opened": "a.txt"}
-    page = desk.ask("/wire/rows", tab=desk.tab, since=0)
+    page = desk.call("rows")
     assert (page["view"], page["name"], [row[5] for row in page["rows"]]) == ("file", "a.txt", ["ping 4"])
-    assert desk.ask("/wire/frame", tab=desk.tab, number=1)["hex"] == "ffff040201f8"
-    assert desk.ask("/wire/rows", tab=desk.tab, since=0, filter="bad")["rows"] == []
+    assert desk.call("frame", number=1)["hex"] == "ffff040201f8"
+    assert desk.call("rows", filter="bad")["rows"] == []
+    assert "servo needs a number" in desk.call("rows", filter="servo")
     status, saved = desk.ask.raw("/wire/save", tab=desk.tab, form="pcapng")
     (passed,) = read_traffic(saved)
     assert status == 200
     assert isinstance(passed, Passed)
     assert passed.data == bytes.fromhex(PING.decode())
-    assert desk.ask("/wire/series", "POST", tab=desk.tab, series="scs") == {"series": "scs"}
-    assert desk.ask("/wire/live", "POST", tab=desk.tab) == {"view": "live"}
-    assert desk.ask("/wire/rows", tab=desk.tab, since=0)["view"] == "live"
+    assert desk.call("series", series="scs") is None
+    assert desk.call("rows")["series"] == "scs"
+    # It is of this tab only.
+    assert desk.call("rows", desk.operators)["view"] == "live"
+    assert desk.call("line") is None
+    assert desk.call("rows")["view"] == "live"
+
+
+def test_of_a_file_that_is_gone_the_line_is_shown_again(desk: Desk) -> None:
+    desk.ask("/wire/open", "POST", [PING], tab=desk.tab, name="a.txt")
+    process = desk.studio.files[Right.WATCH].pid
+    assert process is not None
+    os.kill(process, signal.SIGKILL)
+    assert "has ended with status -9; try again" in desk.call("rows")
+    assert [desk.call("rows")["view"] for _ in range(2)] == ["live"] * 2
+    assert not desk.viewers.file
 
 
 @pytest.mark.parametrize(
-    ("path", "query", "words"),
+    ("name", "args", "words"),
     [
-        ("rows", {"since": "x"}, "since is not a number"),
-        ("rows", {"since": "9" * 17}, "since is not a number"),
+        ("rows", {"since": "x"}, "Expected `int`, got `str`"),
+        ("rows", {"since": 2**53}, "Expected `int` <= 9007199254740991"),
+        ("rows", {"since": -1}, "Expected `int` >= 0"),
         ("rows", {"filter": "servo"}, "servo needs a number"),
         ("rows", {"filter": "x" * 300}, "at most 200"),
         ("frame", {"number": 5}, "no longer kept"),
-        ("save", {"form": "exe"}, "mcap or pcapng"),
-        ("save", {"form": "mcap"}, "no traffic to save yet"),
+        ("series", {"series": "../x"}, "there is no servo series"),
     ],
 )
 def test_a_wrong_question_is_answered_in_one_line(
-    desk: Desk, path: str, query: dict[str, object], words: str
+    desk: Desk, name: str, args: dict[str, object], words: str
 ) -> None:
-    assert words in desk.ask(f"/wire/{path}", tab=desk.tab, **query)["refused"]
+    assert words in desk.call(name, **args)
+
+
+def test_what_cannot_be_saved_is_said_in_one_line(desk: Desk) -> None:
+    for form, words in (("exe", "mcap or pcapng"), ("mcap", "no traffic to save yet")):
+        assert words in desk.ask("/wire/save", tab=desk.tab, form=form)["refused"]
 
 
 def test_only_the_tabs_of_a_session_are_answered(desk: Desk) -> None:
     other = desk.studio.tabs.open("another session", Right.OPERATE).key
-    for path in ("rows", "frame", "save"):
-        for tab in ("", "x", other):
-            assert "no longer known" in desk.ask(f"/wire/{path}", tab=tab)["refused"]
-    for path in ("open", "live", "series"):
-        assert "no longer known" in desk.ask(f"/wire/{path}", "POST", [PING], tab=other)["refused"]
+    for tab in ("", "x", other):
+        assert "no longer known" in desk.ask("/wire/save", tab=tab)["refused"]
+        assert "no longer known" in desk.ask("/wire/open", "POST", [PING], tab=tab)["refused"]
 
 
 def test_what_changes_something_is_no_link(desk: Desk) -> None:
-    for path in ("open", "live", "series"):
-        assert desk.ask.raw(f"/wire/{path}", tab=desk.tab)[0] == 405
+    assert desk.ask.raw("/wire/open", tab=desk.tab)[0] == 405
 
 
 def test_a_file_that_never_ends_is_refused_on_the_way(desk: Desk) -> None:
     pieces = [bytes(1 << 20)] * (LARGEST_FILE // (1 << 20) + 9)
     assert "larger than 16 MiB" in desk.ask("/wire/open", "POST", pieces, tab=desk.tab)["refused"]
     assert len(pieces) == 8
-    assert desk.ask("/wire/rows", tab=desk.tab)["view"] == "live"
+    assert desk.call("rows")["view"] == "live"
 
 
 class _Meanwhile(list[bytes]):
@@ -124,7 +149,7 @@ def test_whoever_only_watches_hinders_no_file_of_an_operators(desk: Desk) -> Non
 
     def operate() -> None:
         def ask() -> None:
-            mine.append(desk.operate("/wire/open", "POST", [PING], tab=desk.operators, name="mine.txt"))
+            mine.append(desk.operate("/wire/open", "POST", [PING], tab=desk.operators.key, name="mine.txt"))
 
         thread = threading.Thread(target=ask)
         thread.start()
@@ -137,6 +162,6 @@ def test_whoever_only_watches_hinders_no_file_of_an_operators(desk: Desk) -> Non
     for _ in range(6):
         tab = desk.studio.tabs.open(desk.session.key, Right.WATCH).key
         assert desk.ask("/wire/open", "POST", [PING], tab=tab, name="a.txt") == {"opened": "a.txt"}
-    assert desk.operate("/wire/rows", tab=desk.operators)["name"] == "mine.txt"
+    assert desk.call("rows", desk.operators)["name"] == "mine.txt"
     # Of their own, the oldest are closed.
-    assert desk.ask("/wire/rows", tab=desk.tab)["view"] == "live"
+    assert desk.call("rows")["view"] == "live"

@@ -24,10 +24,10 @@ from hexwire.control.motion.hold_to_run import FINE
 from hexwire.errors import HexwireError, LeaseError, LinkLostError, LinkNotFoundError, UsageError
 
 # What pages may ask for by name: each of these adds its calls.
-from . import arm_calls, leader_calls, present_calls, program_calls  # noqa: F401
+from . import arm_calls, leader_calls, present_calls, program_calls, recording_calls, wire_calls  # noqa: F401
 from .access import WATCHING_ONLY, Access, Right
 from .bus_source import live_row
-from .calls import Asked, find_call
+from .calls import Asked, CallLane, find_call
 from .cameras import Cameras
 from .first_run_calls import FirstRuns
 from .fleet_watch import FleetWatch
@@ -70,7 +70,7 @@ _T = TypeVar("_T")
 _LONGEST = 200
 """Letters of the names of those who stopped the arm."""
 _MOST_CALLS, _MOST_PLANS = 8, 4
-"""Calls of the pages of one session that wait or run at a time, and of one page that compute."""
+"""Calls of the pages of one session that are under way in a lane at a time, and of one page that compute."""
 _LOOK = 0.1
 """Most seconds between two looks whether what is held has signs of life: shorter than the silence that ends it."""
 _LAST_STOP = 5.0
@@ -114,6 +114,7 @@ class Studio:
         live: The tabs' own sockets.
         foxglove: Shows what is open to programs that speak Foxglove's protocol; None for nobody.
         cameras: Cameras of this computer that pages may show.
+        files: The process for the files of pages, of each right.
         urdf: A robot's URDF that pages draw in place of the arm's own picture; None for that.
         settings: Further settings of arms that pages open, see `hexwire.control.requests.settings`.
         plugged: What was found last at the ports of this machine; None before somebody has looked.
@@ -153,14 +154,15 @@ class Studio:
         # The stops of what is open: one answers all who have asked before it began.
         self._stops: tuple[object, MergedCalls[str, Stopped]] | None = None
         self._stopping = threading.Lock()
-        # Those who may operate never wait for those who only watch.
-        self._workers = {right: ThreadPoolExecutor(8, "studio") for right in Right}
-        # One thread each: of all that pages ask for, at most two things compete with the arm for the interpreter.
-        self._pages = {right: ThreadPoolExecutor(1, "studio pages") for right in Right}
-        # And a process each, with a thread that waits for it.
-        self._files = {right: self.recordings.process() for right in Right}
-        self._asking = {right: ThreadPoolExecutor(1, "studio files") for right in Right}
-        self._calls: Counter[tuple[str, bool]] = Counter()
+        # Those who may operate never wait for those who only watch. Of all that pages ask for, at most two things
+        # compete with the arm for the interpreter.
+        self._lanes = {
+            (lane, right): ThreadPoolExecutor(8 if lane is CallLane.WAITS else 1, f"studio {lane.name.lower()}")
+            for lane in CallLane
+            for right in Right
+        }
+        self.files = {right: self.recordings.process() for right in Right}
+        self._calls: Counter[tuple[str, CallLane]] = Counter()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._ending = threading.Event()
         self._watch: threading.Thread | None = None
@@ -172,14 +174,9 @@ class Studio:
 
     # -- for pages ----------------------------------------------------------------------------------------
 
-    async def compute(self, right: Right, call: Callable[[], _T]) -> _T:
-        """Make a call that computes for a page, in turn with the others of this right.
-
-        Args:
-            right: Of the session that asks.
-            call: What to do. It must not wait for the arm; no step of it may hold the interpreter for long.
-        """
-        return await asyncio.get_running_loop().run_in_executor(self._pages[right], call)
+    async def run(self, lane: CallLane, right: Right, call: Callable[[], _T]) -> _T:
+        """Do something for a page in turn with the others of this lane and right."""
+        return await asyncio.get_running_loop().run_in_executor(self._lanes[lane, right], call)
 
     async def ask_files(self, right: Right, call: Callable[[PageProcess], _T]) -> _T:
         """Have the process for the files of pages do something, in turn with the others of this right.
@@ -192,8 +189,7 @@ class Studio:
             HexwireError: As `PageProcess.ask`.
             OSError: As `PageProcess.ask`.
         """
-        loop = asyncio.get_running_loop()
-        return await loop.run_in_executor(self._asking[right], call, self._files[right])
+        return await self.run(CallLane.FILES, right, lambda: call(self.files[right]))
 
     async def call(self, tab: Tab, name: str, args: Mapping[str, object], opened: int | None = None) -> object:
         """Do what a page asks for by name, see `calls`; what it does runs in a thread.
@@ -208,8 +204,10 @@ class Studio:
             HexwireError: It is refused, or failed.
         """
         found = find_call(name)
-        key = (tab.key if found.computes else tab.session, found.computes)
-        if self._calls[key] >= (_MOST_PLANS if found.computes else _MOST_CALLS):
+        lane = found.lane(tab)
+        computes = lane is CallLane.COMPUTES
+        key = (tab.key if computes else tab.session, lane)
+        if self._calls[key] >= (_MOST_PLANS if computes else _MOST_CALLS):
             raise UsageError("this browser asks for too much at a time; try again")
         if tab.right < found.right:
             raise LeaseError(WATCHING_ONLY)
@@ -230,9 +228,7 @@ class Studio:
 
         self._calls[key] += 1
         try:
-            if found.computes:
-                return await self.compute(tab.right, act)
-            return await asyncio.get_running_loop().run_in_executor(self._workers[tab.right], act)
+            return await self.run(lane, tab.right, act)
         except HexwireError:
             raise
         except Exception as error:
@@ -458,7 +454,7 @@ class Studio:
     def _changed(self) -> None:
         present = self.source.present
         # A recording ends with its arm.
-        self._workers[Right.OPERATE].submit(self.recordings.recorder.follow, self.source.arm)
+        self._lanes[CallLane.WAITS, Right.OPERATE].submit(self.recordings.recorder.follow, self.source.arm)
         if present is not None:
             present.hold_to_run.on_end = self.ended
         if self.foxglove is not None:
@@ -509,10 +505,10 @@ class Studio:
         self.source.close()
         self.cameras.close()
         self.first.close()
-        for process in self._files.values():
+        for process in self.files.values():
             process.close()
         self.fleet.close()
         if self._stops is not None:
             self._stops[1].close(_LAST_STOP)
-        for pool in (self.orders, *self._workers.values(), *self._pages.values(), *self._asking.values()):
+        for pool in (self.orders, *self._lanes.values()):
             pool.shutdown()

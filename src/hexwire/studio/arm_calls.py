@@ -17,7 +17,7 @@ from hexwire.errors import LeaseError, UsageError
 from hexwire.motion.teach import Edits
 
 from .access import WATCHING_ONLY, Right
-from .calls import Arguments, Asked, call
+from .calls import Arguments, Asked, CallLane, call
 from .geometry import make_geometry, make_turns
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def _values(asked: Asked, args: Arguments) -> dict[str, object]:
     return {**arm_values(asked.arm), "look": look, "emulated": asked.studio.emulated(asked.arm)}
 
 
-@call("arm.preview", _Motion, computes=True)
+@call("arm.preview", _Motion, lane=CallLane.COMPUTES)
 def _preview(asked: Asked, args: _Motion) -> dict[str, object]:
     motion, taught = _motion_of(asked, args.motion)
     return plan_values(asked.arm.motions.preview(motion, taught=taught), asked.arm)
@@ -116,7 +116,7 @@ def _recordings(asked: Asked, args: Arguments) -> list[str]:
     return asked.studio.recordings.library.names(".mcap")
 
 
-@call("arm.timeline", _Motion, computes=True)
+@call("arm.timeline", _Motion, lane=CallLane.COMPUTES)
 def _timeline(asked: Asked, args: _Motion) -> dict[str, object]:
     """What is played, as smooth as it is asked for, and all of it."""
     taught, request = _played(asked, args.motion)

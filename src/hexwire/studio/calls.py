@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from enum import Enum
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import msgspec
@@ -24,13 +25,23 @@ if TYPE_CHECKING:
     from .fleet_watch import FleetWatch
     from .holds import Holds
     from .live import Live
+    from .page_process import PageProcess
     from .plugged import Plugged
     from .recordings import Recordings
     from .source import ArmSource, Source
     from .tabs import Tab
     from .urdf_folder import UrdfFolder
+    from .wire_feed import WireFeed
 
-__all__ = ["Arguments", "Asked", "Call", "CallHost", "call", "find_call"]
+__all__ = ["Arguments", "Asked", "Call", "CallHost", "CallLane", "call", "find_call"]
+
+
+class CallLane(Enum):
+    """Where a call is carried out, in turn with the others there of sessions with the same right."""
+
+    WAITS = "some threads, which may wait for the arm"
+    COMPUTES = "one thread, which must not wait for the arm; no step of it may hold the interpreter for long"
+    FILES = "one thread, which waits for the process for files"
 
 
 class Arguments(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -47,6 +58,8 @@ class CallHost(Protocol):
     plugged: list[Plugged] | None
     recordings: Recordings
     cameras: Cameras
+    wire: WireFeed
+    files: dict[Right, PageProcess]
     settings: dict[str, object]
     urdf: UrdfFolder | None
 
@@ -109,6 +122,11 @@ class Asked:
         return arm
 
     @property
+    def files(self) -> PageProcess:
+        """The process for the files of pages; only calls in its lane ask it."""
+        return self.studio.files[self.tab.right]
+
+    @property
     def backups(self) -> list[ServoBackup]:
         """The backups of what was open when the call came, newest last; raises as `bus` and `arm`."""
         return self.arm.backups if self.studio.source.bus is None else self.bus.backups
@@ -144,10 +162,10 @@ class Call:
     Attributes:
         name: Its name.
         kind: Its arguments.
-        act: What it does, in a thread: it may wait, but not if it computes. Returns what JSON can hold.
+        act: What it does, in a thread. Returns what JSON can hold, or JSON as `msgspec.Raw`.
         right: Which right a session needs.
         control: The tab must have control, and no stop since it was asked.
-        computes: It computes more than it waits.
+        lane: Where it is carried out for a tab.
     """
 
     name: str
@@ -155,7 +173,7 @@ class Call:
     act: Callable[[Asked, Any], object]
     right: Right
     control: bool
-    computes: bool
+    lane: Callable[[Tab], CallLane]
 
     def read(self, args: Mapping[str, object]) -> Arguments:
         """Check arguments from a page.
@@ -175,12 +193,18 @@ _Act = Callable[[Asked, _A], object]
 
 
 def call(
-    name: str, kind: type[_A], *, right: Right = Right.WATCH, control: bool = False, computes: bool = False
+    name: str,
+    kind: type[_A],
+    *,
+    right: Right = Right.WATCH,
+    control: bool = False,
+    lane: CallLane | Callable[[Tab], CallLane] = CallLane.WAITS,
 ) -> Callable[[_Act[_A]], _Act[_A]]:
     """Add a function to what pages may ask for; see `Call`."""
+    where = (lambda _: lane) if isinstance(lane, CallLane) else lane
 
     def add(act: _Act[_A]) -> _Act[_A]:
-        _calls[name] = Call(name, kind, act, right, control, computes)
+        _calls[name] = Call(name, kind, act, right, control, where)
         return act
 
     return add

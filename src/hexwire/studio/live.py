@@ -52,8 +52,8 @@ _LOOK = 5.0
 """Seconds between two looks at how much memory there is: each holds the interpreter for a millisecond."""
 _SIGN_OF_LIFE = b"\0"
 """In place of a frame while there is no new one: without it a page takes what it shows for what is no more."""
-_MOST_TEXTS = 64
-"""Messages that may wait for a slow reader."""
+_MOST_TEXTS, _MOST_WAITING = 64, 4 << 20
+"""Messages that may wait for a slow reader, and letters of them before the last one."""
 _AHEAD = 40
 """Frames that a page may not have seen yet; further ones are dropped, not kept in the buffers of the system."""
 _BURST, _RATE, _PIECE = 500.0, 250.0, 1024
@@ -150,6 +150,7 @@ class _Socket:
         self._patience = patience
         self._frame: bytes | None = None
         self._texts: deque[str] = deque()
+        self._waiting = 0
         self._wake = asyncio.Event()
         self._sent = 0
         self.seen = 0
@@ -168,10 +169,12 @@ class _Socket:
             self.put_frame(_SIGN_OF_LIFE)
 
     def put(self, message: dict[str, Any] | str) -> None:
-        if len(self._texts) >= _MOST_TEXTS:
+        if len(self._texts) >= _MOST_TEXTS or self._waiting > _MOST_WAITING:
             self.too_slow = True
         else:
-            self._texts.append(message if isinstance(message, str) else json.dumps(message))
+            text = message if isinstance(message, str) else json.dumps(message)
+            self._texts.append(text)
+            self._waiting += len(text)
         self._wake.set()
 
     async def send_all(self) -> None:
@@ -181,7 +184,9 @@ class _Socket:
             self._wake.clear()
             async with asyncio.timeout(self._patience):
                 while self._texts:
-                    await self.socket.send_text(self._texts.popleft())
+                    text = self._texts.popleft()
+                    await self.socket.send_text(text)
+                    self._waiting -= len(text)
                 frame, self._frame = self._frame, None
                 if frame is not None:
                     self._sent += 1

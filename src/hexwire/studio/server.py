@@ -35,7 +35,6 @@ from .fleet_api import fleet_routes
 from .foxglove import Foxglove
 from .guard import SESSION, Guard
 from .packed import Packed
-from .recordings_api import recordings_routes
 from .servos_api import servos_routes
 from .wire_api import wire_routes
 
@@ -204,7 +203,6 @@ def make_app(studio: Studio, on_started: Callable[[], object] = lambda: None) ->
         Route("/meshes/{number:int}", mesh),
         *(Route(path, page) for path in (*PAGES, FIRST_RUN)),
         *make_routes(found),
-        *recordings_routes(found),
         *wire_routes(found),
         *fleet_routes(found),
         *servos_routes(found),

@@ -1,4 +1,4 @@
-"""What the wire page asks for, over HTTP: rows, one frame, files in and out.
+"""What the page Wire sends and saves over HTTP: files of traffic.
 
 Owns the requests, their checks and bounds. Behind the gate (`guard`), so each comes from a page of this studio.
 """
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 __all__ = ["wire_routes"]
 
-_LARGEST_NUMBER = 2**53
 _NAME = 80
 _NO_TAB = "this page is no longer known to the studio: load it again"
 _HEADERS = {"cache-control": "no-store"}
@@ -52,12 +51,8 @@ def wire_routes(present: Callable[[], Studio]) -> list[Route]:
         return endpoint
 
     return [
-        Route("/wire/rows", asked(_rows)),
-        Route("/wire/frame", asked(_frame)),
         Route("/wire/save", asked(_save)),
         Route("/wire/open", asked(_open), methods=["POST"]),
-        Route("/wire/live", asked(_live), methods=["POST"]),
-        Route("/wire/series", asked(_series), methods=["POST"]),
     ]
 
 
@@ -78,23 +73,6 @@ def refusal(error: HexwireError) -> Response:
     return JSONResponse({"refused": str(error)}, headers=_HEADERS)
 
 
-def _number(request: Request, name: str) -> int:
-    text = request.query_params.get(name, "0")
-    if not (text.isascii() and text.isdigit() and len(text) < 17 and int(text) < _LARGEST_NUMBER):
-        raise UsageError(f"{name} is not a number")
-    return int(text)
-
-
-async def _of_file(studio: Studio, tab: Tab, what: str, *args: object) -> Any:
-    """What is asked of a tab's file; None if it has none (any more)."""
-    if not tab.file:
-        return None
-    found = await studio.ask_files(tab.right, lambda process: process.ask(what, *args))
-    # The files of others have taken its place, or the process with all files has ended.
-    tab.file = bool(found)
-    return found
-
-
 async def _open(studio: Studio, tab: Tab, request: Request) -> Any:
     name = request.query_params.get("name", "")[:_NAME] or "the file"
     series = request.query_params.get("series", "board")
@@ -108,18 +86,6 @@ async def _open(studio: Studio, tab: Tab, request: Request) -> Any:
     return {"opened": name}
 
 
-async def _rows(studio: Studio, tab: Tab, request: Request) -> Any:
-    since, wanted = _number(request, "since"), request.query_params.get("filter", "")
-    found = await _of_file(studio, tab, "wire_rows", tab.key, since, wanted)
-    return _json(found) or await studio.compute(tab.right, lambda: studio.wire.rows(since, wanted))
-
-
-async def _frame(studio: Studio, tab: Tab, request: Request) -> Any:
-    number = _number(request, "number")
-    found = await _of_file(studio, tab, "wire_frame", tab.key, number)
-    return _json(found) or await studio.compute(tab.right, lambda: studio.wire.frame(number))
-
-
 async def _save(studio: Studio, tab: Tab, request: Request) -> Any:
     form = request.query_params.get("form", "")
 
@@ -131,19 +97,3 @@ async def _save(studio: Studio, tab: Tab, request: Request) -> Any:
         await studio.ask_files(tab.right, lambda process: save(process, path))
 
     return await made(make, "application/octet-stream", f"traffic.{form}")
-
-
-async def _live(studio: Studio, tab: Tab, request: Request) -> Any:
-    await _of_file(studio, tab, "wire_close", tab.key)
-    return {"view": "live"}
-
-
-async def _series(studio: Studio, tab: Tab, request: Request) -> Any:
-    series = request.query_params.get("series", "")
-    if not await _of_file(studio, tab, "wire_series", tab.key, series):
-        studio.wire.set_series(series)
-    return {"series": series}
-
-
-def _json(found: bytes | None) -> Response | None:
-    return None if found is None else Response(found, media_type="application/json", headers=_HEADERS)

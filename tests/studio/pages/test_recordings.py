@@ -169,16 +169,15 @@ def test_a_recording_of_other_joints_shows_all_of_them_and_a_refused_motion_says
     assert "three.mcap" in page.evaluate("window.drawn")
     # While the twin is prepared, it counts as busy; somebody looks at this moment, and gets the answer late.
     page.evaluate("""() => {
-        const plain = window.fetch, late = new Promise((resolve) => (window.release = resolve));
+        const plain = hexwire.call, late = new Promise((resolve) => (window.release = resolve));
         window.held = 0;
-        window.fetch = async (address, options) => {
-            const answer = await plain(address, options);
-            if (address !== "/data/recordings" || options?.method || window.held) return answer;
+        hexwire.call = async (name, ...rest) => {
+            const found = await plain(name, ...rest);
+            if (name !== "recordings" || window.held) return found;
             window.held = 1;
-            const found = await answer.json();
             found.twin.busy = true;
             await late;
-            return new Response(JSON.stringify(found), { headers: { "Content-Type": "application/json" } });
+            return found;
         };
     }""")
     page.wait_for_function("window.held")

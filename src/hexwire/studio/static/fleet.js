@@ -2,6 +2,7 @@
 // Owns the table; the server decides who may stop and open, and says what has become of a stop.
 
 import hexwire from "./live.js";
+import { ask, withQuery } from "./columns.js";
 import { go } from "./studio.js";
 import { node, put } from "./widgets.js";
 
@@ -53,11 +54,7 @@ class FleetPage {
 
   /** By HTTP: it needs no socket, and waits for nothing else that this page asks for. */
   async askStop(values) {
-    const answer = await fetch(`/fleet/stop?${new URLSearchParams({ tab: this.tab, ...values })}`, { method: "POST" });
-    if (!answer.ok) throw new Error(`the studio refused this (${answer.status})`);
-    const found = await answer.json();
-    if (found.refused) throw new Error(found.refused);
-    return found;
+    return (await ask(withQuery("/fleet/stop", { tab: this.tab, ...values }), { method: "POST" })).json();
   }
 
   async poll() {

@@ -2,7 +2,7 @@
 // recordings_play.js plays one.
 
 import hexwire from "./live.js";
-import { ask, save } from "./columns.js";
+import { ask, save, withQuery } from "./columns.js";
 import { loadSheet, make } from "./widgets.js";
 import { makeView } from "./recordings_view.js";
 
@@ -13,7 +13,7 @@ export async function mount(element, args) {
   await Promise.all([loadSheet("/static/plots.css"), loadSheet("/static/recordings.css")]);
   if (!element.isConnected) return;
   const none = `No recordings yet.${args.operates ? " Record the arm, add a file, or use hexwire --record FILE.mcap." : ""}`;
-  const state = { list: null, chosen: "", rows: new Map(), asked: 0, shown: 0, outdated: 0, looking: 0, refusal: "" };
+  const state = { list: null, chosen: "", rows: new Map(), asked: 0, shown: 0, outdated: 0, looking: 0, lost: false, refusal: "" };
   const note = make("p", { className: "pl-note rc-note", role: "status" });
   const record = button("Record the arm", toggleRecord, "rc-record");
   const recording = make("span", { className: "rc-recording" });
@@ -44,7 +44,7 @@ export async function mount(element, args) {
     if (!document.hidden && !state.looking) look();
   }, LOOK);
   hexwire.onHello(() => look(), element);
-  look();
+  if (!state.looking) look();
 
   function say(text, bad = false) {
     note.textContent = text;
@@ -55,15 +55,19 @@ export async function mount(element, args) {
   function outdate() { state.outdated = state.asked; }
 
   async function look() {
+    if (!hexwire.connected) return;
     state.looking += 1;
     const round = ++state.asked;
     try {
-      const list = await (await ask("/data/recordings")).json();
+      const list = await hexwire.call("recordings");
       if (round <= state.outdated) return await look();
       if (round < state.shown) return;
       state.shown = round;
       state.list = list;
+      if (state.lost) say("");
+      state.lost = false;
     } catch (error) {
+      state.lost = true;
       say(error.message, true);
       return;
     } finally {
@@ -73,14 +77,13 @@ export async function mount(element, args) {
     view.update(state.list);
   }
 
-  /** Ask the server for something; null after an error was shown. */
-  async function act(order) {
+  /** Ask the server for something. Its answer, true if it has none; null after an error was shown. */
+  async function act(name, args = {}) {
     say("");
     try {
-      const answer = await ask("/data/recordings", { method: "POST", body: JSON.stringify(order) });
-      const found = await answer.json();
+      const found = await hexwire.call(name, args);
       await look();
-      return found;
+      return found ?? true;
     } catch (error) {
       outdate();
       state.refusal = error.message;
@@ -91,8 +94,11 @@ export async function mount(element, args) {
 
   async function toggleRecord() {
     if (!state.list) return;
-    const found = state.list.recorder.name ? await act({ do: "end" }) : await act({ do: "record", cameras: seen.checked });
-    if (found?.said) say(found.said);
+    if (!state.list.recorder.name) await act("recordings.record", { cameras: seen.checked });
+    else {
+      const ended = await act("recordings.end");
+      if (ended) say(ended);
+    }
   }
 
   async function upload() {
@@ -105,7 +111,7 @@ export async function mount(element, args) {
     }
     say(`adding ${chosen.name} …`);
     try {
-      const answer = await ask(`/data/recording?${new URLSearchParams({ name: chosen.name })}`, { method: "POST", body: chosen });
+      const answer = await ask(withQuery("/data/recording", { name: chosen.name }), { method: "POST", body: chosen });
       const found = await answer.json();
       say(`${found.name} was added${found.problem ? `: ${found.problem}` : ""}`);
       await look();
@@ -182,15 +188,15 @@ export async function mount(element, args) {
   }
 
   async function recover(one) {
-    const found = await act({ do: "recover", name: one.name });
-    if (!found) return;
-    choose(found.name);
-    say(`the intact part is in ${found.name}; ${one.name} stays as it is`);
+    const name = await act("recordings.recover", { name: one.name });
+    if (!name) return;
+    choose(name);
+    say(`the intact part is in ${name}; ${one.name} stays as it is`);
   }
 
   /** Delete at the second press, within three seconds. */
   function sure(pressed, one) {
-    if (pressed.dataset.sure) { act({ do: "remove", name: one.name }).then((found) => found && say(`${one.name} was deleted`)); return; }
+    if (pressed.dataset.sure) { act("recordings.remove", { name: one.name }).then((found) => found && say(`${one.name} was deleted`)); return; }
     pressed.style.minWidth = `${pressed.offsetWidth}px`;
     pressed.dataset.sure = "1";
     pressed.textContent = "Sure?";

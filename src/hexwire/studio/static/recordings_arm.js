@@ -1,7 +1,7 @@
 // The arm of a recording in 3D: its posture at the time under the pointer or at the cursor; of two recordings, or while one is
 // played, the other one as a ghost. Owns which posture is shown; arm3d.js draws it.
 
-import { ask, withQuery } from "./columns.js";
+import hexwire from "./live.js";
 
 export function makeFigure(place) {
   const state = { robot: "", view: null, data: null, keys: ["position", null], time: null, live: null, round: 0 };
@@ -25,7 +25,7 @@ export function makeFigure(place) {
     if (!robot) return;
     const round = state.round;
     try {
-      const { geometry } = await (await ask(withQuery("/data/geometry", { robot }))).json();
+      const { geometry } = await hexwire.call("recordings.geometry", { robot });
       const { Arm3D } = await import("./arm3d.js");
       if (round !== state.round || !geometry) return;
       place.hidden = false;

@@ -123,7 +123,7 @@ export function makePlayer(page, place, view, shown, moved) {
 
   async function playTwin() {
     prepare("twin", "starting the twin …");
-    const begun = await page.act({ do: "twin", name: state.entry.name, topic: view.topic, ...state.part });
+    const begun = await page.act("recordings.twin", { name: state.entry.name, topic: view.topic, part: state.part });
     if (!begun) { finish(page.state.refusal, true); return; }
     follow();
   }
@@ -162,15 +162,16 @@ export function makePlayer(page, place, view, shown, moved) {
 
   async function playArm() {
     prepare("arm", "checking …");
-    const plan = await page.act({ do: "preview", name: state.entry.name, topic: view.topic, ...state.part });
+    const motion = { what: "play", recording: state.entry.name, topic: view.topic, ...state.part };
+    const plan = await page.act("arm.preview", { motion });
     if (!plan) { finish(page.state.refusal, true); return; }
-    if (plan.refusal) {
-      finish(plan.refusal, true);
+    if (plan.refusal || plan.unready) {
+      finish(plan.refusal || plan.unready, true);
       offer(plan.fits);
       return;
     }
     said.textContent = `${plan.lead_in.toFixed(1)} s to the start, then ${(plan.duration - plan.lead_in).toFixed(1)} s`;
-    const why = await hexwire.hold("run", { what: "play", recording: state.entry.name, topic: view.topic || "", ...state.part }, { attended: true });
+    const why = await hexwire.hold("run", motion, { attended: true });
     finish(why === "arrived" ? "arrived" : why, why !== "arrived" && why !== "released");
   }
 
@@ -183,7 +184,7 @@ export function makePlayer(page, place, view, shown, moved) {
 
   function end() {
     if (state.on === "arm") hexwire.release();
-    else page.act({ do: "twin_stop" });
+    else page.act("recordings.end_twin");
   }
 
   // -- what was measured ---------------------------------------------------------------------------------

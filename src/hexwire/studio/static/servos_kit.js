@@ -2,6 +2,7 @@
 // not know what a part shows.
 
 import hexwire, { faultsOf } from "./live.js";
+import { ask, withQuery } from "./columns.js";
 import { html, node, put as write } from "./widgets.js";
 
 const DIGITS = { deg: 1, counts: 0, speed: 1, load: 0, volts: 1, celsius: 0, amps: 2 };
@@ -29,16 +30,12 @@ export class View {
 
   /** Send a file; what is refused is told. Resolves to undefined then. */
   async send(what, file, values = {}) {
-    const query = new URLSearchParams({ tab: hexwire.key, opened: this.opened, ...values });
+    const address = withQuery(`/servos/${what}`, { tab: hexwire.key, opened: this.opened, ...values });
     try {
-      const answer = await fetch(`/servos/${what}?${query}`, { method: "POST", body: file });
-      const found = await answer.json();
-      if (!found.refused) return found;
-      hexwire.notify(found.refused, "error");
+      return await (await ask(address, { method: "POST", body: file })).json();
     } catch (error) {
-      hexwire.notify(`the studio did not take the file: ${error.message}`, "error");
+      return hexwire.notify(error.message, "error");
     }
-    return undefined;
   }
 
   get servo() {

@@ -1,6 +1,8 @@
 // The page Wire: asks the studio for rows as fast as the browser can draw them, and for one frame when it is selected.
 // Owns filter, source and pause; wire_list.js draws the rows, wire_detail.js one frame.
 
+import hexwire from "./live.js";
+import { ask, save, withQuery } from "./columns.js";
 import { loadSheet, node } from "./widgets.js";
 import { Detail } from "./wire_detail.js";
 import { FrameList, NUMBER } from "./wire_list.js";
@@ -122,25 +124,19 @@ class WirePage {
 
   // -- asking the studio -----------------------------------------------------------------------------------
 
-  async ask(path, values = {}, options = {}) {
-    const query = new URLSearchParams({ tab: this.tab, ...values });
-    const answer = await fetch(`/wire/${path}?${query}`, options);
-    if (!answer.ok) throw new Error(`the studio refused this (${answer.status})`);
-    if (!answer.headers.get("content-type").startsWith("application/json")) return answer.blob();
-    const found = await answer.json();
-    if (found.refused) throw new Error(found.refused);
-    return found;
-  }
-
   // One question at a time, so that a slow browser asks less often, and nothing piles up.
   async poll() {
     if (this.timer) clearTimeout(this.timer);
     this.timer = null;
     if (!this.root.isConnected || this.paused || document.hidden || this.asking) return;
+    if (!hexwire.connected) {
+      this.timer = setTimeout(() => this.poll(), PERIOD);
+      return;
+    }
     const turn = (this.asking = {});
     let wait = PERIOD;
     try {
-      const page = await this.ask("rows", { since: this.since, filter: this.filter });
+      const page = await hexwire.call("wire.rows", { since: this.since, filter: this.filter });
       if (this.asking !== turn) return; // the answer to a question that was asked anew meanwhile
       if (!this.paused) this.take(page);
       this.fail("");
@@ -201,7 +197,7 @@ class WirePage {
   async select(number) {
     const turn = (this.selecting = {});
     try {
-      const data = await this.ask("frame", { number });
+      const data = await hexwire.call("wire.frame", { number });
       if (this.selecting === turn) this.detail.show(data, this.offset);
       if (this.list.selected !== number) this.list.select(number, { quiet: true });
     } catch (error) {
@@ -254,26 +250,22 @@ class WirePage {
 
   async openFile(file) {
     if (!file) return;
-    const values = { name: file.name, series: this.seriesBox.value };
+    const address = withQuery("/wire/open", { tab: this.tab, name: file.name, series: this.seriesBox.value });
     this.setPaused(false);
-    await this.act(() => this.ask("open", values, { method: "POST", body: file }));
+    await this.act(() => ask(address, { method: "POST", body: file }));
     this.fileBox.value = "";
   }
 
   backToLine() {
     this.setPaused(false);
-    return this.act(() => this.ask("live", {}, { method: "POST" }));
+    return this.act(() => hexwire.call("wire.line"));
   }
 
   setSeries() {
-    return this.act(() => this.ask("series", { series: this.seriesBox.value }, { method: "POST" }));
+    return this.act(() => hexwire.call("wire.series", { series: this.seriesBox.value }));
   }
 
   save(form) {
-    return this.act(async () => {
-      const url = URL.createObjectURL(await this.ask("save", { form }));
-      node("a", { href: url, download: `traffic.${form}` }).click();
-      setTimeout(() => URL.revokeObjectURL(url), 10_000);
-    });
+    return this.act(() => save("/wire/save", { tab: this.tab, form }));
   }
 }
