@@ -26,7 +26,7 @@ KINDS = {
 }
 """How an arm is reached, and which robot it is."""
 TIMED = {"timed board": "dialect 2", "shared timed board": "dialect 2"}
-"""Those whose board keeps the time of a motion: it ends where a busy machine sends no points for a while."""
+"""Those whose board executes a motion: it ends where a busy machine sends no points for a while."""
 
 QUICK = ("bus", "board")
 

@@ -328,7 +328,7 @@ def _memory(studio: _Process) -> str:
 
 
 def _cycles(stack: ExitStack) -> str:
-    """How late the owner's cycles begin on a servo bus, where the owner itself keeps the time."""
+    """How late the owner's cycles begin on a servo bus, where the owner itself sends each target."""
     bare = stack.enter_context(_process("owner", stack.enter_context(servo_bus()), None, "--robot", "so101"))
     studio = stack.enter_context(_process("studio", stack.enter_context(servo_bus()), None, "--robot", "so101"))
     browser = stack.enter_context(chromium())

@@ -1,7 +1,7 @@
 """One motion of a host program, for the benchmark: `python -m tests.bench.path_host MOTION WAY PORT...`.
 
 Owns the motions that are measured, and running one of them. MOTION is swing, line or together; WAY is board or
-host: who keeps the time. It prints a line when it is ready and goes on when it gets one. It prints another when it
+host: who executes it. It prints a line when it is ready and goes on when it gets one. It prints another when it
 moves, and one at the end, all as JSON.
 """
 

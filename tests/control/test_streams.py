@@ -1,4 +1,4 @@
-"""Streams of goals of one point, as of MoveIt Servo: on a board that keeps the time, and target by target."""
+"""Streams of goals of one point, as of MoveIt Servo: on a board that executes trajectories, and target by target."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def stream(host_timed: bool, velocities: bool, horizon: float, count: int) -> No
     (0.2, True, False),
 )
 def test_what_is_planned_on_the_way_keeps_all_limits(horizon: float, velocities: bool, even: bool) -> None:
-    """At 1 kHz, as one trajectory replaces the other on a board that keeps the time."""
+    """At 1 kHz, as one trajectory replaces the other on a board that executes trajectories."""
     bench, joint, step = Timed(), HEX7BOT.joint("J1"), 0.001
     where, began, due = {name: bench.where(name) for name in NAMES}, bench.clock.time, bench.clock.time
     done, before, fastest, told = 0, None, 0.0, ""

@@ -1,4 +1,4 @@
-"""A motion of which the board keeps the time, run by a program; in simulated time."""
+"""Onboard trajectory execution, begun by a program; in simulated time."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from hexwire.wire.commands import LimitRow
 
 
 class Timed(Bench):
-    """A bench on which the board keeps the time."""
+    """A bench whose board executes trajectories."""
 
     def options(self, **given: Any) -> MotionOptions:
         return super().options(host_timed=False, **given)

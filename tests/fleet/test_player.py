@@ -38,7 +38,7 @@ def robots(serve: Serve, monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, 
     monkeypatch.setattr(player, "_WATCHDOG", 5.0)
     monkeypatch.setattr(player, "_LEAD", 2.0)
     for name in NAMES:
-        # The board of the first keeps the time, the server of the second.
+        # The board of the first executes it, the server of the second sends the targets.
         serve(name, lease=3.0, robot="sim", host_timed=name == NAMES[1])
     with attached_to({name: f"zenoh:{name}" for name in NAMES}) as attached:
         yield attached
@@ -61,7 +61,7 @@ def test_arms_begin_together_and_arrive(robots: dict[str, RemoteRobot]) -> None:
     report = play_together(arms(robots), tell=told.append, most_doubt=DOUBT)
     assert [line.partition(" ")[0] for line in told[2:]] == ["approach:", "motion:", "lab/arm2:"]
     assert sorted(line.partition(":")[0] for line in told[:2]) == list(NAMES)
-    assert told[-1] == "lab/arm2: its server keeps the time: it may begin 50 ms late"
+    assert told[-1] == "lab/arm2: its server sends the targets: it may begin 50 ms late"
     assert {name: row.kept_by for name, row in report.arms.items()} == {"lab/arm1": "board", "lab/arm2": "host"}
     one, two = (report.arms[name] for name in NAMES)
     assert one.doubt + one.late <= DOUBT

@@ -285,7 +285,7 @@ def test_a_server_that_keeps_the_time_itself_is_told_of(stage: Stage) -> None:
     robot = stage.arms[NAMES[1]]
     robot.row = lambda number: replace_row(robot.obedient(number), ready="host", doubt=0.05)
     report = stage.play()
-    assert stage.told[-1] == "lab/arm2: its server keeps the time: it may begin 50 ms late"
+    assert stage.told[-1] == "lab/arm2: its server sends the targets: it may begin 50 ms late"
     assert (report.arms[NAMES[1]].kept_by, report.arms[NAMES[1]].late) == ("host", 0.05)
 
 

@@ -359,7 +359,7 @@ class Facts(_Message, tag=2):
         watchdog: The robot has a watchdog of its own.
         kept: Where a stop is kept after the server has ended, as `RobotDriver.stop_kept_by`.
         geometry: Robot whose geometry the arm has; empty if it is that of `robot`.
-        times_motion: Its board keeps the time of a trajectory.
+        times_motion: Its board executes trajectories.
     """
 
     robot: _Name

@@ -292,7 +292,7 @@ class Played:
         off: How far off the end of its motion the worst joint is, in words; empty if it is not.
         kept_by: Who kept the time of its motion: its ``board``, or the ``host``, its server.
         late: How far off the start was in the server's time at most: the uncertainty of the board's clock, or the
-            period of targets of a server that keeps the time itself, seconds.
+            period of targets of a server that sends them one by one, seconds.
     """
 
     moved: float
@@ -356,7 +356,7 @@ def play_together(
         arms: At least one; each name once.
         take: Pre-empt other holders of the leases.
         dry_run: Have the servers check the paths, and move nothing; then no holder is pre-empted.
-        most_doubt: Greatest uncertainty of an arm's clock, and of its start if its board keeps the time, seconds.
+        most_doubt: Greatest uncertainty of an arm's clock, and of its start if its board executes it, seconds.
         tell: Called with a text for each event.
         shield: Keeps signals away while the arms are stopped.
 
@@ -536,10 +536,10 @@ class _Player:
         raise _NotBegunError("no arm began", {name: str(error) for name, error in failed.items()})
 
     def _check_starts(self, ready: Mapping[str, m.Goal]) -> dict[str, HexwireError]:
-        """Errors of boards that do not know well enough when to start; tells whose server keeps the time."""
+        """Errors of boards that do not know well enough when to start; tells whose server sends the targets."""
         for name, row in ready.items():
             if row.ready == HOST:
-                self._tell(f"{name}: its server keeps the time: it may begin {1000 * row.doubt:.0f} ms late")
+                self._tell(f"{name}: its server sends the targets: it may begin {1000 * row.doubt:.0f} ms late")
         return self._doubtful({name: self._doubt(name, row) for name, row in ready.items()}, "its start")
 
     def _doubt(self, name: str, row: m.Goal) -> float:

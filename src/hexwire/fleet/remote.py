@@ -329,7 +329,7 @@ class RemoteRobot(RobotDriver, OwnWatchdog, StateReports, OnboardPaths, Leased, 
         return self._facts.command_rate
 
     def can(self, kind: type[object]) -> bool:
-        """Its server has a watchdog; whether the arm has one, or keeps the time of a path, is the board's."""
+        """Its server has a watchdog; whether the arm has one, or executes paths, is the board's."""
         if issubclass(kind, OwnWatchdog):
             return self._facts.watchdog
         if issubclass(kind, OnboardPaths):

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 __all__ = ["BOARD", "CONFIRM", "HOST", "GoalReport", "SharedGoals"]
 
 BOARD, HOST = "board", "host"
-"""Who keeps the time of a trajectory: the robot's board, or its server."""
+"""Who executes a trajectory: the robot's board, or its server."""
 CONFIRM = 0.25
 """Seconds before the start until which a trajectory must be confirmed that begins only then: a board that waits for
 the start must still be told that there is none."""
@@ -64,7 +64,7 @@ class GoalReport:
         text: Why it ended, in words; empty after a success.
         moved: When a joint had moved by 0.3 deg, interpolated between two samples; None before.
         slips: Stalls of the owner by which the trajectory was shifted.
-        ready: Who will keep the time, `BOARD` or `HOST`; empty until everything is prepared for the start.
+        ready: Who will execute it, `BOARD` or `HOST`; empty until everything is prepared for the start.
         doubt: How far off the start may be: the uncertainty of the board's clock; without such a board, the period
             of targets, by which the first one may be late.
     """
@@ -103,7 +103,7 @@ class _Goal:
         self.report.outcome = ended.outcome
 
     def prepare(self) -> None:
-        """Note who keeps the time, and how well the start is known. Between two cycles of the controllers."""
+        """Note who executes it, and how well the start is known. Between two cycles of the controllers."""
         report, generator, given = self.report, self._controller.generator, self._owner.path_start
         if generator.onboard and given is not None and given.time > report.start - _BEFORE:
             report.doubt, report.ready = given.uncertainty, BOARD
