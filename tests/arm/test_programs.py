@@ -22,7 +22,7 @@ from hexwire.trace.recording import RecordingWriter, make_positions
 
 @pytest.fixture(scope="module", params=marked(("board", "bus", "shared board", "timed board")))
 def arm(request: pytest.FixtureRequest) -> Iterator[Arm]:
-    """Arms whose host sends the targets, on a board, a bus and behind a server, and one whose board executes the motion."""
+    """Arms whose host sends the targets, on a board, a bus and behind a server, and one whose board does it all."""
     with tempfile.TemporaryDirectory(prefix="hw") as folder, connected(request.param, Path(folder)) as arm:
         yield arm
 

@@ -1,4 +1,4 @@
-"""Streams of goals of one point, as of MoveIt Servo: on a board that executes trajectories, and target by target."""
+"""Streams of goals of one point, as of MoveIt Servo: on a board that executes them, and target by target."""
 
 from __future__ import annotations
 
