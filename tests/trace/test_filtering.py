@@ -102,6 +102,7 @@ def test_what_a_board_reports_by_itself_is_no_request() -> None:
         ("answer", [3]),
         ("unanswered", []),
         ("not request", [2, 3]),
+        ("report", [2]),
     ):
         passes = parse_filter(text)
         assert [entry.number for entry in traffic.since(0) if passes(entry)] == numbers, text

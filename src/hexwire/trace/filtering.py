@@ -9,7 +9,7 @@ Conditions are separated by blanks, and all of them must hold:
     "two words"    searched for in the text
     bad            no valid frame or packet
     doubt          bad, or with a remark
-    sent received request answer unanswered frame packet
+    sent received request answer unanswered report frame packet
     dialect 2      frames of that dialect
     slow 20        an answer that took more than 20 ms, and its request
     bytes 0D0A     has these bytes
@@ -59,6 +59,7 @@ _WORDS: dict[str, Condition] = {
     "packet": lambda entry: entry.reading.kind == "packet",
     "request": _is_request,
     "answer": _is_answer,
+    "report": lambda entry: _is_report(entry.reading),
     "unanswered": lambda entry: _is_request(entry) and entry.answered is None,
 }
 

@@ -60,6 +60,32 @@ def test_live_frames_are_saved_filtered_and_paused(wire: Page, tmp_path: Path) -
 
 
 @pytest.mark.slow
+def test_one_click_hides_and_shows_frames_of_a_kind(wire: Page) -> None:
+    def texts(true: str) -> None:
+        wire.wait_for_function(
+            f"""() => {{
+              const rows = [...document.querySelectorAll(".hw-wire-row:not([hidden]) .hw-wire-text")];
+              const texts = rows.map((one) => one.textContent);
+              return texts.length > 3 && {true};
+            }}"""
+        )
+
+    shown = wire.get_by_role("group", name="Show")
+    texts("texts.some((one) => one.includes(' report '))")
+    shown.get_by_label("reports").click()
+    texts("texts.every((one) => !one.includes(' report ')) && texts.some((one) => one.includes(' request '))")
+    shown.get_by_label("requests").click()
+    texts("texts.every((one) => one.includes(' reply '))")
+    # It stays so while another page is looked at, and goes with what is typed.
+    wire.get_by_role("link", name="Signals", exact=True).click()
+    wire.get_by_role("link", name="Wire", exact=True).click()
+    assert not shown.get_by_label("requests").is_checked()
+    shown.get_by_label("reports").click()
+    wire.get_by_label("Filter", exact=True).fill("received")
+    texts("texts.some((one) => one.includes(' report ')) && texts.every((one) => !one.includes(' request '))")
+
+
+@pytest.mark.slow
 def test_in_a_file_a_byte_shows_its_field_and_a_field_its_bytes(wire: Page) -> None:
     open_file(wire, "cut-frame.pcapng")
     detail = wire.get_by_role("region", name="The selected frame")

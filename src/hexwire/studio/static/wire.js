@@ -3,12 +3,20 @@
 
 import hexwire from "./live.js";
 import { ask, save, withQuery } from "./columns.js";
-import { loadSheet, node } from "./widgets.js";
+import { chips, loadSheet, node } from "./widgets.js";
 import { Detail } from "./wire_detail.js";
 import { FrameList, NUMBER } from "./wire_list.js";
 
 const PERIOD = 100; // ms between two questions for rows
 const FOLLOW = "hexwire-wire-follow";
+const HIDDEN = "hexwire-wire-hidden";
+// Each frame is of one kind.
+const KINDS = [
+  { key: "request", text: "requests" },
+  { key: "answer", text: "answers" },
+  { key: "report", text: "reports" },
+  { key: "bad", text: "damaged" },
+];
 const SLOW = 1000; // ms after an error
 const SERIES = [
   ["board", "Hex7Bot, by id"],
@@ -22,7 +30,7 @@ const HELP = [
   ["joint_move", "that command or instruction; another word is searched for in the text"],
   ['"two words"', "searched for in the text"],
   ["bad", "no valid frame or packet; doubt also what has a remark"],
-  ["sent, received, request, answer, unanswered, frame, packet", "what they say"],
+  ["sent, received, unanswered, frame, packet", "what they say; so do request, answer and report"],
   ["dialect 2", "frames of that dialect"],
   ["slow 20", "answers after more than 20 ms, and their requests"],
   ["bytes 0D0A", "has these bytes"],
@@ -31,7 +39,7 @@ const HELP = [
 
 export async function mount(root, args) {
   root.classList.add("hw-wire");
-  await loadSheet("/static/wire.css");
+  await Promise.all(["wire", "plots"].map((name) => loadSheet(`/static/${name}.css`)));
   new WirePage(root, args.tab);
 }
 
@@ -42,11 +50,12 @@ class WirePage {
     this.source = 0;
     this.since = 0;
     this.offset = 0;
-    this.filter = "";
+    this.hidden = (sessionStorage.getItem(HIDDEN) ?? "").split(" ").filter(Boolean);
     this.paused = false;
     this.asking = null;
     this.rate = { number: 0, time: 0, value: 0 };
     this.build();
+    this.filter = this.wanted();
     this.list = new FrameList(this.listBox, {
       onSelect: (number) => this.select(number),
       onFollow: (follow) => {
@@ -65,8 +74,8 @@ class WirePage {
   build() {
     const button = (text, on, more = {}) => node("button", { type: "button", class: "hw-button", onclick: on, ...more }, text);
     this.filterBox = node("input", {
-      id: "hw-wire-filter", class: "hw-wire-input", type: "text", spellcheck: "false", autocomplete: "off", maxlength: "200",
-      placeholder: "servo 3 bad", oninput: () => this.setFilter(), "aria-describedby": "hw-wire-problem",
+      id: "hw-wire-filter", class: "hw-wire-input", type: "text", spellcheck: "false", autocomplete: "off", maxlength: "150",
+      placeholder: "servo 3 joint_move", oninput: () => this.setFilter(), "aria-describedby": "hw-wire-problem",
     });
     this.pauseButton = button("Pause", () => this.setPaused(!this.paused), { "aria-pressed": "false" });
     this.followBox = node("input", { type: "checkbox", checked: true, onchange: () => this.list.setFollow(this.followBox.checked) });
@@ -95,7 +104,7 @@ class WirePage {
         button("Save MCAP", () => this.save("mcap")),
         button("Save pcapng", () => this.save("pcapng")),
       ),
-      node("div", { class: "hw-wire-line" }, this.status, this.problem, this.refusal),
+      node("div", { class: "hw-wire-line" }, this.kinds(), this.status, this.problem, this.refusal),
       this.note,
       node("div", { class: "hw-wire-panes" },
         node("div", { class: "hw-wire-left" },
@@ -120,6 +129,21 @@ class WirePage {
     const watched = new ResizeObserver(() => (this.root.isConnected ? fit() : watched.disconnect()));
     watched.observe(document.body);
     watched.observe(this.root);
+  }
+
+  /** One click hides or shows a kind. */
+  kinds() {
+    const on = KINDS.map(({ key }) => key).filter((key) => !this.hidden.includes(key));
+    return chips("Show", KINDS, on, (shown) => {
+      this.hidden = KINDS.map(({ key }) => key).filter((key) => !shown.includes(key));
+      sessionStorage.setItem(HIDDEN, this.hidden.join(" "));
+      this.setFilter(0);
+    });
+  }
+
+  /** What a frame must be: of a kind that is shown, and what was typed. */
+  wanted() {
+    return [...this.hidden.map((kind) => `not ${kind}`), this.filterBox.value].join(" ");
   }
 
   // -- asking the studio -----------------------------------------------------------------------------------
@@ -207,12 +231,12 @@ class WirePage {
 
   // -- what one does ---------------------------------------------------------------------------------------
 
-  setFilter() {
+  setFilter(wait = 150) {
     clearTimeout(this.typing);
     this.typing = setTimeout(() => {
-      this.filter = this.filterBox.value;
+      this.filter = this.wanted();
       this.again();
-    }, 150);
+    }, wait);
   }
 
   again() {

@@ -3,7 +3,7 @@
 
 import { BAD, PROBLEM, SENT, SIZE, TEXT, TIME, clock } from "./wire_list.js";
 
-const SELECT = "Select a frame in the list to see its bytes and fields here. The filter 'not report' hides what a board sends by itself.";
+const SELECT = "Select a frame in the list to see its bytes and fields here.";
 const WIDTH = 16;
 const MOST_PARTS = 1500;
 const MOST_BYTES = 8192;
