@@ -2,16 +2,17 @@
 
 Owns numbering them, the times between request and answer, which servos each concerns, which bytes are only the rest
 of a frame that began before, and the newest traffic of a link, kept while an arm is open. Keeping costs the link's
-owner next to nothing: one append, without a lock that a reader could hold. `reading` finds and pairs frames. Must
-not know links.
+owner next to nothing: one append, and now and then 0.1 ms to pack them, without a lock that a reader could hold.
+`reading` finds and pairs frames. Must not know links.
 """
 
 from __future__ import annotations
 
+from array import array
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import islice
+from itertools import accumulate, islice
 from typing import Any
 
 from hexwire.link.tap import Direction, Passed
@@ -22,8 +23,43 @@ from .reading import HEAD_SIZE, TAIL, FrameReading, Reader, packet_problem, u16
 
 __all__ = ["Entry", "Traffic", "TrafficRing"]
 
-_OVERHEAD = 256
-"""Memory of a transfer beside its bytes, about."""
+_PACKED, _SHARE = 256, 8
+"""Most transfers that are packed together, and the share of all bytes beyond which fewer are."""
+_OVERHEAD = 16
+"""Memory of a packed transfer beside its bytes, about."""
+
+
+class _Packed:
+    """Transfers in a tenth of the memory that objects take.
+
+    Attributes:
+        first: Number of the first one.
+        memory: Bytes, about.
+    """
+
+    __slots__ = ("_data", "_ends", "_sources", "_times", "_whose", "first", "memory")
+
+    def __init__(self, first: int, transfers: list[Passed]) -> None:
+        self.first = first
+        self._data = b"".join(passed.data for passed in transfers)
+        self._ends = array("I", accumulate(len(passed.data) for passed in transfers))
+        self._times = array("d", (passed.time for passed in transfers))
+        sources = list(dict.fromkeys((passed.direction, passed.url) for passed in transfers))
+        places = {source: i for i, source in enumerate(sources)}
+        self._sources, self._whose = sources, bytes(places[each.direction, each.url] for each in transfers)
+        self.memory = len(self._data) + len(transfers) * _OVERHEAD
+
+    @property
+    def newest(self) -> float:
+        """Time of the last one."""
+        return self._times[-1]
+
+    def after(self, number: int) -> Iterator[tuple[int, Passed]]:
+        """Those after a number."""
+        for i in range(max(0, number + 1 - self.first), len(self._times)):
+            direction, url = self._sources[self._whose[i]]
+            data = self._data[self._ends[i - 1] if i else 0 : self._ends[i]]
+            yield self.first + i, Passed(direction, data, self._times[i], url)
 
 
 class TrafficRing:
@@ -34,21 +70,30 @@ class TrafficRing:
         size: Bytes of memory, about.
     """
 
-    def __init__(self, seconds: float = 120.0, size: int = 16 * 1024 * 1024) -> None:
+    def __init__(self, seconds: float = 120.0, size: int = 4 * 1024 * 1024) -> None:
         self._seconds, self._size = seconds, size
-        self._kept: deque[tuple[int, Passed]] = deque()
+        # Others for each change, so that readers need no lock.
+        self._packed: tuple[_Packed, ...] = ()
+        self._open: tuple[int, list[Passed]] = (1, [])
         self._bytes = 0
         self._number = 0
 
     def feed(self, passed: Passed) -> None:
         """Keep a transfer; an observer for `TapLink`."""
-        kept = self._kept
+        first, transfers = self._open
+        transfers.append(passed)
         self._number += 1
-        self._bytes += len(passed.data) + _OVERHEAD
-        kept.append((self._number, passed))
-        oldest = passed.time - self._seconds
-        while len(kept) > 1 and (self._bytes > self._size or kept[0][1].time < oldest):
-            self._bytes -= len(kept.popleft()[1].data) + _OVERHEAD
+        self._bytes += len(passed.data)
+        if len(transfers) < _PACKED and self._bytes < self._size // _SHARE:
+            return
+        kept = [each for each in self._packed if each.newest >= passed.time - self._seconds]
+        kept.append(_Packed(first, transfers))
+        left = sum(each.memory for each in kept)
+        while len(kept) > 1 and left > self._size:
+            left -= kept.pop(0).memory
+        # In this order: a reader that comes between the two sees them packed and not packed, but misses none.
+        self._packed = tuple(kept)
+        self._open, self._bytes = (self._number + 1, []), 0
 
     @property
     def newest(self) -> int:
@@ -57,16 +102,12 @@ class TrafficRing:
 
     def since(self, number: int) -> list[tuple[int, Passed]]:
         """The transfers after a number, oldest first, as far as they are still kept."""
-        # Reading the newest from the end takes time for these only. CPython makes the list without letting the
-        # feeding thread in between; where that does not hold, the next call has them.
-        kept = self._kept
-        try:
-            last = kept[-1][0]
-            found = list(islice(reversed(kept), max(0, last - number)))
-        except (IndexError, RuntimeError):
-            return []
-        found.reverse()
-        return [each for each in found if each[0] > number]
+        first, transfers = self._open
+        newest = [(i, passed) for i, passed in enumerate(transfers[:], first) if i > number]
+        older = (row for each in self._packed if each.first < first for row in each.after(number))
+        found = [*older, *newest]
+        oldest = found[-1][1].time - self._seconds if found else 0.0
+        return [row for row in found if row[1].time >= oldest]
 
 
 _MOST = 10_000

@@ -1,10 +1,9 @@
 """The last ten minutes of an arm: positions, goals, velocities, loads, rates, for plots and files.
 
-Owns the samples, in memory that is taken once and never grows. Pure: states come in as arguments, with their times.
-Must not know files or sockets.
+Owns the samples, in blocks of memory: another one is taken when the last is full, and one that is too old goes.
+Pure: states come in as arguments, with their times. Must not know files or sockets.
 
-One thread adds samples; any thread may read. Neither waits for the other: a reader notices that the oldest rows
-were overwritten while it copied, and leaves them out.
+One thread adds samples; any thread may read. Neither waits for the other: no row is ever overwritten.
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ from __future__ import annotations
 import math
 import struct
 from array import array
+from bisect import bisect_left, bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -25,9 +25,7 @@ __all__ = ["ARM_SIGNALS", "BLOCK", "JOINT_SIGNALS", "History", "KeptSignal", "Ro
 
 _FAULTS = sum(int(flag.faults) for flag in JointFlag)
 BLOCK = 512
-"""Rows that are copied at once."""
-_SPARE = 256
-"""Rows that may be overwritten while a reader copies."""
+"""Rows of a block, which are copied at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,8 +87,6 @@ class Rows:
 
     def between(self, begin: float, end: float) -> Rows:
         """Only the rows of these times, both included."""
-        from bisect import bisect_left, bisect_right
-
         low, high = bisect_left(self.times, begin), bisect_right(self.times, end)
         return Rows(self.times[low:high], _cut(self.blocks, low, high, 4 * self.width), self.width)
 
@@ -104,6 +100,21 @@ def _cut(blocks: Iterable[bytes], low: int, high: int, size: int) -> tuple[bytes
             found.append(part)
         at += count
     return tuple(found)
+
+
+class _Block:
+    """Rows in the order of their times, of which the first `count` are there."""
+
+    __slots__ = ("count", "size", "times", "values")
+
+    def __init__(self, size: int) -> None:
+        self.size, self.count = size, 0
+        self.times, self.values = array("d", bytes(8 * BLOCK)), bytearray(size * BLOCK)
+
+    def later(self, after: float) -> tuple[int, int]:
+        """Places of the first row that is later than a time, and after the last one."""
+        count = self.count
+        return bisect_right(self.times, after, 0, count), count
 
 
 class History:
@@ -121,12 +132,10 @@ class History:
         self.names = tuple(names)
         self.width = len(JOINT_SIGNALS) * len(self.names) + len(ARM_SIGNALS)
         self._period = 1.0 / rate
-        self._room = math.ceil(seconds * rate) + _SPARE
         self._seconds = seconds
-        self._times = array("d", bytes(8 * self._room))
         self._row = struct.Struct(f"<{self.width}f")
-        self._values = bytearray(self._row.size * self._room)
-        self._count = 0
+        # Another one for each change, so that readers need no lock.
+        self._blocks: tuple[_Block, ...] = ()
         self._due = self._last = -math.inf
 
     @property
@@ -135,11 +144,6 @@ class History:
         return [(name, signal) for name in self.names for signal in JOINT_SIGNALS] + [
             ("", signal) for signal in ARM_SIGNALS
         ]
-
-    @property
-    def memory(self) -> int:
-        """Bytes for samples; they never change."""
-        return len(self._values) + 8 * self._room
 
     def append(
         self,
@@ -187,43 +191,35 @@ class History:
                 state.temperature[i],
             )
             faults += bool(state.flags[i] & _FAULTS)
-        at = self._count % self._room
-        self._times[at] = now
-        self._row.pack_into(self._values, at * self._row.size, *row, rate, round_trip, faults)
+        block = self._blocks[-1] if self._blocks else None
+        if block is None or block.count == BLOCK:
+            oldest = now - self._seconds
+            kept = (each for each in self._blocks if each.times[-1] > oldest)
+            block = _Block(self._row.size)
+            self._blocks = (*kept, block)
+        at = block.count
+        block.times[at] = now
+        self._row.pack_into(block.values, at * block.size, *row, rate, round_trip, faults)
         # Last, so that a reader never sees a row that is not complete.
-        self._count += 1
+        block.count += 1
         return True
+
+    def _later(self, after: float) -> Iterator[tuple[_Block, int, int]]:
+        """The blocks with samples of the last ten minutes that are later than a time, and their places there."""
+        after = max(after, self._last - self._seconds)
+        for block in self._blocks:
+            low, high = block.later(after)
+            if low < high:
+                yield block, low, high
 
     def count_after(self, after: float = -math.inf) -> int:
         """How many samples `rows` has."""
-        begin, end = self._places(after)
-        return end - begin
-
-    def _places(self, after: float) -> tuple[int, int]:
-        """Number of the first sample that is later than a time, and after the last one."""
-        end = self._count
-        begin = max(0, end - self._room + _SPARE)
-        newest = self._times[(end - 1) % self._room] if end else 0.0
-        after = max(after, newest - self._seconds)
-        low, high = begin, end
-        while low < high:
-            middle = (low + high) // 2
-            if self._times[middle % self._room] <= after:
-                low = middle + 1
-            else:
-                high = middle
-        return low, end
+        return sum(high - low for _, low, high in self._later(after))
 
     def rows(self, after: float = -math.inf) -> Rows:
         """The samples of the last ten minutes that are later than a time."""
-        begin, end = self._places(after)
-        times, blocks, size = array("d"), list[bytes](), self._row.size
-        at = begin
-        while at < end:
-            place = at % self._room
-            n = min(end - at, self._room - place, BLOCK)
-            times += self._times[place : place + n]
-            blocks.append(bytes(memoryview(self._values)[place * size : (place + n) * size]))
-            at += n
-        lost = max(0, self._count - self._room - begin)
-        return Rows(times[lost:], _cut(blocks, lost, len(times), size), self.width)
+        times, blocks = array("d"), list[bytes]()
+        for block, low, high in self._later(after):
+            times += block.times[low:high]
+            blocks.append(bytes(memoryview(block.values)[low * block.size : high * block.size]))
+        return Rows(times, tuple(blocks), self.width)
