@@ -12,7 +12,10 @@ from typing import Any
 import pytest
 from tests.studio.running import until
 
+from hexwire.drivers.registry import load_bus_arm
 from hexwire.errors import HexwireError, LeaseError, StoppedError, UsageError
+from hexwire.model.arm import ArmModel
+from hexwire.setup.calibrating import stored_calibration
 from hexwire.studio.access import Access, Right
 from hexwire.studio.app import Studio
 from hexwire.studio.calls import find_call
@@ -195,6 +198,39 @@ def test_a_joint_that_moved_less_than_usual_is_asked_about_and_a_stop_refuses_to
     with pytest.raises(StoppedError):
         desk.first.store()
     assert desk.stored() == before
+
+
+def test_an_arm_that_is_opened_by_its_name_has_the_ranges_that_its_servos_store(
+    desk: Desk, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    desk.begin()
+    desk.to("ranges")
+    desk.calibrate()
+    desk.first.store()
+    measured = [(joint.minimum, joint.maximum) for joint in _stored_arm(desk).joints]
+    usual = [(joint.minimum, joint.maximum) for joint in load_bus_arm("so101").described().model.joints]
+    assert measured != usual
+    desk.first.leave()
+    link, opened = desk.source.need_bus().bus.link, list[list[tuple[float, float]]]()
+    desk.source.close()
+    # The same servos again, as when their cable is plugged in another day.
+    monkeypatch.setattr("hexwire.link.open.make_link", lambda url: link)
+    own = tmp_path / "own.toml"
+    own.write_text('name = "own"\nbase = "so101"\n', encoding="utf-8")
+    for robot in ("so101", str(own), None):
+        arm = desk.source.open("sim://so101?name=again", robot)
+        assert arm.uncalibrated == ""
+        opened.append([(joint.minimum, joint.maximum) for joint in arm.settings.model.joints])
+        assert arm.driver.model.name == ("own" if robot == str(own) else "so101")
+        assert not any(servo.torque_on for servo in link.device.wire.servos)  # type: ignore[attr-defined]
+        desk.source.close()
+    assert opened == [measured, usual, measured]
+
+
+def _stored_arm(desk: Desk) -> ArmModel:
+    """The arm with what its servos have stored."""
+    model = load_bus_arm("so101").described().model
+    return stored_calibration(desk.source.need_bus().bus, model).apply(model)
 
 
 def test_after_storing_failed_nobody_goes_on_with_what_the_servos_had_before(desk: Desk) -> None:

@@ -163,11 +163,6 @@ class FirstRun:
         return tuple(found)
 
     @property
-    def stored(self) -> Calibration | None:
-        """What the servos have stored, if that is a calibration of the whole arm."""
-        return self._stored if self.bare and self.calibrated else None
-
-    @property
     def calibrated(self) -> bool:
         """Whether the angles of the arm can be trusted; always, where a board has them."""
         return not self.bare or (self._stored is not None and not self._faults)

@@ -504,7 +504,6 @@ class Studio:
         self.recordings.close()
         self.source.close()
         self.cameras.close()
-        self.first.close()
         for process in self.files.values():
             process.close()
         self.fleet.close()

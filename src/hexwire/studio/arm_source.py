@@ -166,8 +166,8 @@ class ArmSource:
             self._ender.shutdown()
             self.arm.shutdown()
             self.forget_leader()
-            # 5 MB, which would else be kept until a full pass of the collector.
-            self.history = History(self.settings.model.names, seconds=0.0)
+            # Some MB, which would else be kept until a full pass of the collector.
+            self.history = History(self.settings.model.names)
 
     def mark(self) -> Token:
         """The time of an order, relative to stops."""

@@ -11,8 +11,6 @@ import math
 import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from hexwire.drivers.abilities import BareServos
@@ -70,8 +68,6 @@ class FirstRuns:
         self._followed: ArmSource | None = None
         # What is open is being changed for the run itself.
         self._switching = False
-        # The file of the arm that is open for the first jog.
-        self._folder = TemporaryDirectory(prefix="hexwire-first-run-")
         studio.holds.add("first", self._begin_step)
 
     # -- what pages are told ------------------------------------------------------------------------------
@@ -260,11 +256,7 @@ class FirstRuns:
     def _open_arm(self, tab: Tab) -> None:
         studio = self._studio
         studio.need_control(tab)
-        assert self._run is not None
-        self._folder.cleanup()
-        self._folder = TemporaryDirectory(prefix="hexwire-first-run-")
-        file = _arm_file(Path(self._folder.name), self._robot, self._run.stored)
-        arm = self._source.open_arm_of_bus(str(file), **studio.settings)
+        arm = self._source.open_arm_of_bus(self._robot, **studio.settings)
         self._opened = self._source.opened
         studio.take(tab)
         self._follow(arm)
@@ -276,10 +268,6 @@ class FirstRuns:
             measuring.finish()
         self._run = None
         self._tell()
-
-    def close(self) -> None:
-        """Remove what is left."""
-        self._folder.cleanup()
 
     def _refuse_while_measuring(self) -> None:
         if self._measuring is not None:
@@ -418,17 +406,6 @@ class FirstRuns:
             self._tell()
 
         arm.begin_run(tab, entry, request, arrived, ended)
-
-
-def _arm_file(folder: Path, robot: str, stored: Calibration | None) -> Path:
-    """The arm with the calibration that its servos have, as the file that a person would write for it."""
-    file = folder / f"{robot}.toml"
-    text = f'name = "{robot}"\nbase = "{robot}"\n'
-    if stored is not None:
-        (folder / "calibration.toml").write_text(stored.serialize(), encoding="utf-8")
-        text += 'calibration = "calibration.toml"\n'
-    file.write_text(text, encoding="utf-8")
-    return file
 
 
 def _hand_port(url: str) -> str:
