@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 from pathlib import Path
 from typing import Any
 
 import pytest
 from click.testing import CliRunner
 
+import hexwire.cli
 from hexwire import Arm
 from hexwire.cli.main import COMMANDS, SPELLED, cli
 from hexwire.trace.recording import RecordingWriter, make_positions
@@ -76,3 +78,14 @@ def test_the_name_of_a_verb_leads_to_its_command(verb: str) -> None:
         assert TYPED[verb][0].startswith(SPELLED[verb])
         said = CliRunner().invoke(cli, [verb]).stderr
         assert said.startswith(f"error: no command '{verb}'; did you mean '{SPELLED[verb]}'?")
+
+
+def test_every_command_calls_verbs_as_a_front_whose_errors_name_commands() -> None:
+    calls = [
+        (path.name, node.lineno, {word.arg for word in node.keywords})
+        for path in (Path(hexwire.cli.__file__).parent).glob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Arm"
+    ]
+    assert len(calls) > 8
+    assert [call for call in calls if "front" not in call[2]] == []

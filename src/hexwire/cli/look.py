@@ -326,11 +326,12 @@ def registers(joint: str, names: tuple[str, ...], options: RobotOptions) -> None
 @json_option
 def tip(links: str, options: RobotOptions) -> None:
     """Show where the tip of the tool is, and where the tool points, in the units and angles of `hexwire goto`."""
+    from hexwire.arm.front import Front
     from hexwire.arm.verbs import Arm
 
     robot = make_robot_with(links, options)
     with attached(robot):
-        found = Arm(robot).tip
+        found = Arm(robot, front=Front()).tip
     rpy = [math.degrees(angle) for angle in found.rpy]
     tilt = None if found.pitch_roll is None else [math.degrees(angle) for angle in found.pitch_roll]
     unit = unit_of(robot.model.name)
@@ -357,9 +358,10 @@ _LIMITS: RowType[JointModel] = RowType(
 @json_option
 def limits(options: RobotOptions) -> None:
     """Show how far and how fast each joint may move."""
+    from hexwire.arm.front import Front
     from hexwire.arm.verbs import Arm
 
-    _LIMITS.show(list(Arm(make_robot(options)).limits.values()))
+    _LIMITS.show(list(Arm(make_robot(options), front=Front()).limits.values()))
 
 
 @click.command()
@@ -370,6 +372,7 @@ def limits(options: RobotOptions) -> None:
 @json_option
 def poses(save: str | None, delete: str | None, force: bool, options: RobotOptions) -> None:
     """List the poses of this kind of arm, to which `hexwire move` and `goto` go by name; save or delete one."""
+    from hexwire.arm.front import Front
     from hexwire.arm.verbs import Arm
     from hexwire.control.requests.pose_file import PoseFile, check_pose_name, refuse_taken
 
@@ -378,7 +381,7 @@ def poses(save: str | None, delete: str | None, force: bool, options: RobotOptio
     if save is None:
         refuse_idle_force(force, "a pose of --save")
     robot = make_robot(options)
-    arm = Arm(robot)
+    arm = Arm(robot, front=Front())
     if save is not None:
         refuse_taken(check_pose_name(save), () if force else arm.poses, "--force replaces it")
         with attached(robot):

@@ -105,11 +105,12 @@ def resume(everybody: bool, options: RobotOptions) -> None:
     if everybody:
         resume_all(options)
         return
+    from hexwire.arm.front import Front
     from hexwire.arm.verbs import Arm
     from hexwire.model.state import JointFlag
 
     with open_robot(options) as robot:
-        tripped = Arm(robot).resume()
+        tripped = Arm(robot, front=Front()).resume()
         if tripped:
             say("the watchdog of the program that fell silent is now off")
         state = robot.read()

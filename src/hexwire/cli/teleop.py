@@ -265,7 +265,7 @@ def follow(
                 leader, follower = made[place : place + 2]
                 told = FollowTeller(follower, *arms[place : place + 2], several=len(made) > 2)
                 handle = Arm(follower, table=table, front=Front(told)).follow(
-                    Arm(leader),
+                    Arm(leader, front=Front()),
                     mirror=mirror,
                     meet=meet,
                     force=grip / 100,
