@@ -169,6 +169,15 @@ def test_pages_are_accessible_and_never_wider_than_the_screen(operator: Page) ->
     for path in PAGES:
         walk(operator, path)
         wrong += examine(operator, path, whole=path == "/")
+        if path == "/move":
+            for name, drawn in (
+                ("Teach and play", "#arm-timeline"),
+                ("Program", ".arm-steps"),
+                ("Leader arm", "table.arm-leader"),
+            ):
+                operator.get_by_role("tab", name=name).click()
+                operator.locator(drawn).wait_for(state="attached")
+                wrong += examine(operator, name)
     assert not wrong, "\n".join(wrong)
 
 

@@ -166,7 +166,7 @@ def test_a_page_lets_the_arm_follow_its_leader_until_it_is_hidden(studio: Runnin
     operator.get_by_role("button", name="Take control").click()
     studio.torque()
     open_page(operator)
-    operator.locator("#arm-leader summary").click()
+    operator.get_by_role("tab", name="Leader arm").click()
     part = operator.locator("#arm-leader")
     part.get_by_label("Port of the leader").select_option(label="emulated, on this computer")
     part.get_by_role("button", name="Connect").click()

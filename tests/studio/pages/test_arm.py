@@ -79,6 +79,7 @@ def type_goal(page: Page, **values: float) -> None:
 def test_what_is_pressed_without_a_connection_is_not_done_later(studio: RunningStudio, operator: Page) -> None:
     """Torque would go off when nobody holds the arm any more."""
     open_page(operator)
+    operator.get_by_role("tab", name="Teach and play").click()
     operator.get_by_role("checkbox", name="I hold the arm: it will sink").check()
     start = operator.get_by_role("button", name="Start teaching")
     expect(start).to_be_enabled()
@@ -244,7 +245,7 @@ def test_a_camera_of_the_studios_computer_is_a_tile_and_is_off_when_its_page_is_
 def test_a_program_is_edited_checked_run_and_ended_by_a_stop(studio: RunningStudio, operator: Page) -> None:
     open_page(operator)
     prepare(operator, speed=100)
-    operator.locator("#arm-program > summary").click()
+    operator.get_by_role("tab", name="Program").click()
     part = operator.locator("#arm-program")
     note = part.locator("[role=status]")
 
@@ -506,6 +507,7 @@ def test_a_goal_is_previewed_and_reached_a_pose_recalled_a_motion_taught(
     expect(go).to_be_enabled()
     assert rest(studio, "J4") == pytest.approx(HEX7BOT.joint("J4").offset, abs=0.02)
 
+    page.get_by_role("tab", name="Teach and play").click()
     expect(page.get_by_role("button", name="Start teaching")).to_be_disabled()
     page.get_by_role("checkbox", name="I hold the arm: it will sink").check()
     page.get_by_role("button", name="Start teaching").click()
@@ -585,11 +587,12 @@ def _tips_agree(studio: RunningStudio, page: Page) -> None:
 def test_an_arm_is_drawn_as_its_joints_allow_and_names_are_text(page: Page) -> None:
     drawn = page.evaluate(
         """async () => {
-            const [arm, motion] = await Promise.all([import("/static/arm.js"), import("/static/arm_motion.js")]);
+            const [arm, motion, timeline] = await Promise.all(
+                ["arm", "arm_motion", "arm_timeline"].map((name) => import(`/static/${name}.js`)));
             const joints = [{ name: '<b onclick="x">', min: Math.PI * -0.0002, max: Math.PI / 4 }];
             return [arm.jointsMarkup(joints), arm.tipMarkup(6), arm.tipMarkup(5), motion.gotoMarkup(joints, 6),
                 motion.gotoMarkup(joints, 5), motion.gotoMarkup(joints, null), motion.posesMarkup(null),
-                motion.posesMarkup({}), motion.teachMarkup()].map((markup) => markup.text);
+                motion.posesMarkup({}), timeline.teachMarkup()].map((markup) => markup.text);
         }"""
     )
     joints, six_tip, five_tip, six, five, unknown, no_gripper, gripper, teach = drawn

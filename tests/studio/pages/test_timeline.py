@@ -41,6 +41,7 @@ def test_a_recording_is_cut_slowed_played_in_rounds_paused_and_kept(studio: Runn
     open_page(page)
     prepare(page, speed=100)
     plan, time = page.locator("#arm-play-plan"), page.locator("#arm-time-value")
+    page.get_by_role("tab", name="Teach and play").click()
     source = page.get_by_label("Motion", exact=True)
     source.select_option("swing.mcap")
     expect(time).to_have_text("0.0 of 0.5 s")
@@ -103,6 +104,7 @@ def test_nothing_is_played_before_it_is_shown(studio: RunningStudio, operator: P
     (folder / "broken.mcap").write_bytes(b"garbage")
     studio.torque()
     open_page(page)
+    page.get_by_role("tab", name="Teach and play").click()
     source, play = page.get_by_label("Motion", exact=True), page.get_by_role("button", name="Play", exact=True)
     source.select_option("broken.mcap")
     said = page.get_by_text("broken.mcap is not a recording")
@@ -120,4 +122,27 @@ def test_nothing_is_played_before_it_is_shown(studio: RunningStudio, operator: P
     page.get_by_label("Smooth").select_option("0.5")
     expect(play).to_be_disabled()
     page.evaluate("go()")
+    expect(play).to_be_enabled()
+
+
+def test_what_has_no_plan_is_not_played_until_it_has_one(studio: RunningStudio, operator: Page) -> None:
+    page, folder = operator, Path(studio.studio.recordings.library.folder)
+    swing(folder, "slow.mcap", 3.0)
+    studio.torque()
+    open_page(page)
+    page.get_by_role("tab", name="Teach and play").press("Enter")
+    play = page.get_by_role("button", name="Play", exact=True)
+    page.evaluate(
+        """() => {
+            const { call } = hexwire;
+            window.busy = true;
+            hexwire.call = (name, ...rest) => name === "arm.preview" && busy
+                ? Promise.reject(new Error("the studio has no time")) : call(name, ...rest);
+        }"""
+    )
+    page.get_by_label("Motion", exact=True).select_option("slow.mcap")
+    expect(page.get_by_text("the studio has no time")).to_be_visible()
+    expect(play).to_be_disabled()
+    # Nobody has to change anything: the page looks again.
+    page.evaluate("() => { busy = false; }")
     expect(play).to_be_enabled()

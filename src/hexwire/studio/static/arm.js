@@ -4,8 +4,8 @@ Owns what the parts share (`page`): speed, calls to the server, the ghost, the r
 becomes a hold, and the numbers at frame rate. Must not decide what may move: the server checks every hold and every call. */
 
 import hexwire, { faultsOf, FLAG } from "./live.js";
-import { gotoMarkup, gripperMarkup, mountGoto, mountGripper, mountPoses, mountTeach, posesMarkup, teachMarkup } from "./arm_motion.js";
-import { fill, html } from "./widgets.js";
+import { gotoMarkup, gripperMarkup, mountGoto, mountGripper, mountPoses, posesMarkup } from "./arm_motion.js";
+import { fill, html, loadSheet, tabs } from "./widgets.js";
 
 const READ = 6000; // ms for which a reason stays in sight
 const OVER = 0.06; // share of the range that a slider shows beyond each limit
@@ -15,6 +15,15 @@ const SPOKEN = 500; // ms between two changes of what a screen reader is told
 const MORE = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 };
 const IDLE_KEYS = new Set(["Home", "End", "PageUp", "PageDown"]);
 const GIMBAL = 1e-9;
+const WAYS = { drive: "Jog and go", teach: "Teach and play", program: "Program", leader: "Leader arm" };
+// Not in the first picture.
+const LATER = {
+  teach: () => import("./arm_timeline.js").then(({ mountTeach }) => mountTeach),
+  program: () => import("./arm_program.js").then(({ mountProgram }) => mountProgram),
+  leader: () => import("./arm_leader.js").then(({ mountLeader }) => mountLeader),
+};
+
+let way = { of: "", name: "drive" }; // what is shown beside the arm: it stays when the page is left
 
 export const degrees = (radians) => (radians * 180) / Math.PI;
 export const radians = (value) => (value * Math.PI) / 180;
@@ -77,7 +86,6 @@ function draw(element, args, opened) {
   mountGoto(page);
   mountPoses(page);
   mountGripper(page);
-  mountTeach(page);
   mountRun(page);
   let asked = 0;
   hexwire.onFrame(() => {
@@ -95,28 +103,27 @@ function draw(element, args, opened) {
   let jog = null;
   const pad = page.find("#arm-pad"), map = page.find("#arm-pad-map");
   pad.addEventListener("change", () => import("./arm_pad.js").then(({ mountPad }) => root.isConnected && mountPad(page)), { once: true });
-  const program = page.find("#arm-program");
-  program.addEventListener("toggle", () => import("./arm_program.js").then(({ mountProgram }) => root.isConnected && mountProgram(page, program)), { once: true });
-  const leader = page.find("#arm-leader");
-  leader.addEventListener("toggle", () => import("./arm_leader.js").then(({ mountLeader }) => root.isConnected && mountLeader(page, leader)), { once: true });
   const camera = page.find("#arm-camera");
   camera?.addEventListener("click", () => {
     camera.disabled = true; // until there is a picture
     import("./arm_camera.js").then(({ mountCameras }) => root.isConnected && mountCameras(page, camera));
   }, { once: true });
   pad.addEventListener("change", () => (map.hidden = false), { once: true });
-  const timeline = page.find("#arm-timeline");
-  let timed = null;
-  const time = () => (timed ||= import("./arm_timeline.js").then(({ mountTimeline }) => root.isConnected && mountTimeline(page, timeline)));
-  new IntersectionObserver((seen, watch) => {
-    if (!seen.some((one) => one.isIntersecting)) return;
-    watch.disconnect();
-    time();
-  }).observe(timeline.parentElement);
+  const loaded = {};
+  const load = (name) => LATER[name] && (loaded[name] ||= Promise.all([LATER[name](), loadSheet("/static/arm_ways.css")])
+    .then(([part]) => root.isConnected && part(page, page.find(`#arm-${name}`))));
+  const ways = tabs("Ways to move the arm", WAYS, (name) => {
+    way = { of: opened, name };
+    for (const panel of page.all("[role=tabpanel]")) panel.hidden = panel.id !== `arm-${name}`;
+    load(name);
+    page.tell("way", name);
+  });
+  page.find(".arm-right").prepend(ways.row);
+  ways.show(way.of === opened ? way.name : "drive");
   page.on("need", () => {
     if (!page.mine) return;
     jog ||= import("./arm_jog.js").then(({ mountJog }) => root.isConnected && mountJog(page));
-    time();
+    load("teach");
   });
   return page;
 }
@@ -538,9 +545,9 @@ function markup({ joints, space, jaws, geometry, look, emulated }) {
   <span class="arm-hint" id="arm-hint" role="status"></span>
 </div>
 <div class="arm-left">${viewMarkup(look ?? geometry, space, emulated)}</div>
-<div class="arm-right">${jointsMarkup(joints)}${space && spaceMarkup()}${jaws && gripperMarkup()}${gotoMarkup(joints, space)}${posesMarkup(jaws)}${teachMarkup()}
-  <details class="arm-part" id="arm-leader"><summary>Leader arm</summary></details>
-  <details class="arm-part" id="arm-program"><summary>Program</summary></details></div>
+<div class="arm-right"><div class="arm-panel" id="arm-drive" role="tabpanel" aria-label="${WAYS.drive}">
+  ${jointsMarkup(joints)}${space && spaceMarkup()}${jaws && gripperMarkup()}${gotoMarkup(joints, space)}${posesMarkup(jaws)}</div>
+  ${Object.keys(LATER).map((name) => html`<section class="arm-part" id="arm-${name}" role="tabpanel" aria-label="${WAYS[name]}" hidden></section>`)}</div>
 </div>`;
 }
 

@@ -1,7 +1,7 @@
 /* A leader arm on the page Move: choose one, see how far each joint is from it, and let the arm follow it.
 
 Owns the form, the table and the hold. Following lasts while this page is in sight, as a motion to a goal does: whoever moves
-the leader has no hand for a button. Loaded when the part is first opened. Must not decide what may move: the server meets the
+the leader has no hand for a button. Loaded when the part is first chosen. Must not decide what may move: the server meets the
 leader slowly, checks each target, and ends it by itself. */
 
 import { capital, degrees, fixed } from "./arm.js";
@@ -85,7 +85,7 @@ export function mountLeader(page, root) {
     connect.disabled = !page.mine;
   }
   port.addEventListener("change", advise);
-  root.addEventListener("toggle", () => root.open && !leader && look());
+  page.on("way", (name) => name === "leader" && !leader && look());
 
   // -- following ----------------------------------------------------------------------------------------
 
@@ -122,7 +122,7 @@ export function mountLeader(page, root) {
   /** Where the arm would be led, without what is unknown. */
   const led = () => Object.fromEntries(Object.entries(leader.led).filter(([, angle]) => angle !== null));
   page.on("draw", () => {
-    if (!leader || !root.open) return;
+    if (!leader || root.hidden) return;
     const here = page.positions();
     joints.forEach((name, i) => {
       const to = leader.led[name] ?? NaN;

@@ -1,4 +1,4 @@
-/* Motions to a goal of the page Move: the form Go to, poses by name, the gripper, and teach mode. Asks for a preview after each
+/* Motions to a goal of the page Move: the form Go to, poses by name, and the gripper. Asks for a preview after each
 change, shows it, and begins the motion. Owns the fields and lists; the server plans, checks and keeps. */
 
 import { branchWords, capital, degrees, fixed, radians, showPlan, tipValues } from "./arm.js";
@@ -376,50 +376,6 @@ export function mountGripper(page) {
   });
 }
 
-// -- teach ---------------------------------------------------------------------------------------------------------
-
-/** Teach mode. What was taught, or a recording, is played and edited on the timeline, which is loaded when it is needed. */
-export function mountTeach(page) {
-  const find = (name) => page.find(`#arm-${name}`);
-  const hand = find("teach-hand");
-  const start = find("teach-start");
-  const stop = find("teach-stop");
-  const note = find("teach-note");
-  let teaching = false;
-  let began = 0;
-
-  const say = (text, level = "") => {
-    note.textContent = text;
-    note.dataset.level = level;
-  };
-  const need = () => (start.disabled = !page.mine || !hand.checked);
-  page.on("taught", (told) => {
-    if (told.teaching && !teaching) began = performance.now();
-    teaching = told.teaching;
-    start.hidden = hand.parentElement.hidden = teaching;
-    stop.hidden = !teaching;
-  });
-  page.on("facts", need);
-  page.on("need", need);
-  page.on("draw", () => {
-    if (!teaching) return;
-    const words = `Teaching for ${((performance.now() - began) / 1000).toFixed(0)} s: move the arm by hand.`;
-    if (note.textContent !== words) say(words, "warn");
-  });
-  hand.addEventListener("change", need);
-  const teach = async (on) => {
-    const answer = await page.call("teach", { on });
-    if (!on) teaching = false;
-    if (answer.error) say(capital(answer.error), "error");
-    else say(capital(answer));
-    if (!on) hand.checked = false;
-    await page.tellTaught();
-    need();
-  };
-  start.addEventListener("click", () => teach(true));
-  stop.addEventListener("click", () => teach(false));
-}
-
 // -- what is drawn -----------------------------------------------------------------------------------------------
 
 const numberField = (name, words, unit) => html`<label class="arm-field"><span>${words} <span class="arm-unit">${unit}</span></span>
@@ -495,19 +451,5 @@ export function gripperMarkup() {
     <button class="hw-button arm-need" type="submit">Set</button>
   </form>
   <p class="arm-note">Closing stops at an object and keeps a little pressure on it.</p>
-</section>`;
-}
-
-export function teachMarkup() {
-  return html`<section class="arm-part" aria-labelledby="arm-teach-title">
-  <h2 id="arm-teach-title">Teach and play</h2>
-  <div class="hw-row">
-    <label><input type="checkbox" id="arm-teach-hand"> I hold the arm: it will sink</label>
-    <button class="hw-button arm-need" id="arm-teach-start" type="button" disabled>Start teaching</button>
-    <button class="hw-button arm-need" id="arm-teach-stop" type="button" hidden>End teaching: hold here</button>
-  </div>
-  <p class="arm-note" id="arm-teach-note" role="status">Teaching switches torque off and records how you move the
-  arm by hand.</p>
-  <div id="arm-timeline"></div>
 </section>`;
 }

@@ -2,7 +2,7 @@
 
 Owns the list and its run. A file is what `hexwire play` runs, too: degrees, millimetres, percent. Each motion is one that this
 page holds, planned and checked by the server like every other; so it ends when the page is hidden, and STOP voids what is left.
-Loaded when the part is first opened. */
+Loaded when the part is first chosen. */
 
 import { capital, degrees, radians } from "./arm.js";
 import hexwire from "./live.js";
@@ -41,9 +41,9 @@ export function mountProgram(page, root) {
   const start = button("Run", () => run(0), { class: "hw-button arm-primary arm-need arm-whole" });
   const undone = button("Undo", undo);
   root.append(
-    node("div", { class: "hw-row" }, name, button("Save", save), node("span", { class: "hw-row", hidden: true }, files, button("Open", open), button("Remove", remove))),
+    node("div", { class: "hw-row arm-program-file" }, name, button("Save", save), node("span", { class: "hw-row", hidden: true }, files, button("Open", open), button("Remove", remove))),
     list,
-    node("div", { class: "hw-row" }, kind, button("Add step", add), undone, button("Check", () => check(0)), start, goOn, end),
+    node("div", { class: "hw-row" }, kind, button("Add step", add), undone, node("span", { class: "hw-row arm-end-row" }, button("Check", () => check(0)), start, goOn, end)),
     note);
 
   const say = (text, level = "") => {
@@ -123,7 +123,8 @@ export function mountProgram(page, root) {
   }
   function draw() {
     shown.clear();
-    list.replaceChildren(...rows(steps, ""));
+    const empty = node("li", { class: "arm-note" }, "No steps yet. Choose what the first one does, and add it: it begins with where the arm is now.");
+    list.replaceChildren(...(steps.length ? rows(steps, "") : [empty]));
     lock();
   }
   function rows(of, before) {
@@ -138,10 +139,10 @@ export function mountProgram(page, root) {
       node("div", { class: "arm-step" },
         grip, fields(step, edited, { recordings, poses }),
         node("span", { class: "arm-step-acts" },
-          button("↑", () => move(of, i, -1), { "aria-label": `Move step ${number} up`, "data-act": "up" }),
-          button("↓", () => move(of, i, 1), { "aria-label": `Move step ${number} down`, "data-act": "down" }),
+          button("↑", () => move(of, i, -1), { "aria-label": `Move step ${number} up`, title: "Up", "data-act": "up" }),
+          button("↓", () => move(of, i, 1), { "aria-label": `Move step ${number} down`, title: "Down", "data-act": "down" }),
           of === steps ? button("▶", () => run(i), { class: "hw-button arm-small arm-need arm-whole", "aria-label": "Run from here", title: "Run from here" }) : "",
-          button("×", () => take(of, i), { "aria-label": `Remove step ${number}`, "data-act": "remove" }))),
+          button("×", () => take(of, i), { "aria-label": `Remove step ${number}`, title: "Remove", "data-act": "remove" }))),
       inner ?? "");
     shown.set(step, made);
     grip.addEventListener("dragstart", (event) => {
@@ -394,7 +395,7 @@ function fields(step, edited, known) {
   const within = (low, high, value) => Math.min(high, Math.max(low, value));
   const flag = (label, key) =>
     node("label", {}, changes(node("input", { type: "checkbox", checked: Boolean(step[key]) }), (made) => (made.checked ? (step[key] = true) : delete step[key])), ` ${label}`);
-  const named = (words, input) => node("label", { class: "arm-step-value" }, node("span", { "aria-hidden": "true" }, words), input);
+  const named = (words, input, unit = "") => node("label", { class: "arm-step-value" }, node("span", { "aria-hidden": "true" }, words), input, unit);
   if ("pose" in step) parts.push("to the pose ", choice("Pose", "pose", known.poses.map((one) => [one, one])));
   else if ("joints" in step) {
     parts.push("joints, °: ", ...Object.entries(step.joints).map(([name, angle]) => named(name, number(`${name}, degrees`, angle, (value) => (step.joints[name] = value)))));
@@ -415,6 +416,6 @@ function fields(step, edited, known) {
   } else if ("wait" in step) parts.push("wait ", number("Seconds", step.wait, (value) => (step.wait = within(0, 3600, value)), { min: 0, max: 3600 }), " s");
   else if ("ask" in step) parts.push("wait for me: ", text("Text", "ask"));
   else parts.push("repeat ", number("Times", step.repeat, (value) => (step.repeat = within(1, 10000, Math.round(value))), { min: 1, max: 10000 }), " times");
-  if (step.speed !== undefined) parts.push(named("at", number("Speed, percent of the limits", round(100 * step.speed, 0), (value) => round(100 * (step.speed = within(0.01, 1, value / 100)), 0), { min: 1, max: 100 })), " %");
+  if (step.speed !== undefined) parts.push(named("at", number("Speed, percent of the limits", round(100 * step.speed, 0), (value) => round(100 * (step.speed = within(0.01, 1, value / 100)), 0), { min: 1, max: 100 }), "%"));
   return node("span", { class: "arm-step-fields" }, ...parts);
 }

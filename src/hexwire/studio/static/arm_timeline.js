@@ -1,5 +1,5 @@
-/* The timeline of the page Move: what was taught, or a recording, as curves of its joints, of which a part is played: smoothed, at
-another speed, several times, from where the cursor is.
+/* Teach and play on the page Move: the arm is moved by hand, and what was taught, or a recording, is a timeline of curves of its
+joints, of which a part is played: smoothed, at another speed, several times, from where the cursor is.
 
 Owns what is chosen and where the cursor is, which shows a ghost of the arm and moves nothing. Each round is one motion that this
 page holds, planned and checked by the server like every other; so it ends when the page is hidden, and STOP voids the rounds that
@@ -7,18 +7,78 @@ are left. A recording is changed by nothing but saving, as a new one unless some
 
 import { capital, showPlan } from "./arm.js";
 import hexwire from "./live.js";
-import { node, question } from "./widgets.js";
+import { fill, html, node, question } from "./widgets.js";
 
 const PAUSE = 150; // ms after the last change before a preview is asked for
+const AGAIN = 2000; // ms until another look, when there was an error instead of a plan
 const PAD = 6;
 const STEP = 0.1; // seconds of an arrow key on a handle
 const LEAP = 10; // times that with shift, or page up and down
+const TICK = 70; // pixels between two times, at least
+const TICKS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 60, 120, 300, 600]; // seconds
 const LEAST = 0.02; // seconds between the handles
 const FINE = ["arrived", "released", "ended"];
 const SMOOTH = [["0", "as it is"], ["0.1", "0.1 s"], ["0.2", "0.2 s"], ["0.5", "0.5 s"], ["1", "1 s"]];
 const TAUGHT = ""; // of the source: what was taught since this arm was opened
 
-export function mountTimeline(page, root) {
+/** Teach mode, and the timeline. */
+export function mountTeach(page, root) {
+  fill(root, teachMarkup());
+  const find = (name) => page.find(`#arm-${name}`);
+  const hand = find("teach-hand");
+  const start = find("teach-start");
+  const stop = find("teach-stop");
+  const note = find("teach-note");
+  let teaching = false;
+  let began = 0;
+
+  const say = (text, level = "") => {
+    note.textContent = text;
+    note.dataset.level = level;
+  };
+  const need = () => (start.disabled = !page.mine || !hand.checked);
+  page.on("taught", (told) => {
+    if (told.teaching && !teaching) began = performance.now();
+    teaching = told.teaching;
+    start.hidden = hand.parentElement.hidden = teaching;
+    stop.hidden = !teaching;
+  });
+  page.on("facts", need);
+  page.on("need", need);
+  page.on("draw", () => {
+    if (!teaching) return;
+    const words = `Teaching for ${((performance.now() - began) / 1000).toFixed(0)} s: move the arm by hand.`;
+    if (note.textContent !== words) say(words, "warn");
+  });
+  hand.addEventListener("change", need);
+  const teach = async (on) => {
+    const answer = await page.call("teach", { on });
+    if (!on) teaching = false;
+    if (answer.error) say(capital(answer.error), "error");
+    else say(capital(answer));
+    if (!on) hand.checked = false;
+    await page.tellTaught();
+    need();
+  };
+  start.addEventListener("click", () => teach(true));
+  stop.addEventListener("click", () => teach(false));
+  mountTimeline(page, find("timeline"));
+}
+
+export function teachMarkup() {
+  return html`<h2>Teach</h2>
+  <div class="hw-row">
+    <label><input type="checkbox" id="arm-teach-hand"> I hold the arm: it will sink</label>
+    <button class="hw-button arm-need" id="arm-teach-start" type="button" disabled>Start teaching</button>
+    <button class="hw-button arm-need" id="arm-teach-stop" type="button" hidden>End teaching: hold here</button>
+  </div>
+  <p class="arm-note" id="arm-teach-note" role="status">Teaching switches torque off and records how you move the
+  arm by hand.</p>
+  <h2>Play</h2>
+  <div id="arm-timeline"></div>`;
+}
+
+function mountTimeline(page, root) {
   let taught = null; // what the source is now, as smooth as it is wanted
   let hand = null; // what was taught; null for nothing
   let teaching = false;
@@ -55,15 +115,17 @@ export function mountTimeline(page, root) {
   const name = node("input", { "aria-label": "Name of the new recording", placeholder: "name", maxlength: 80 });
   const save = node("form", { class: "hw-row arm-save", autocomplete: "off" }, name, node("button", { class: "hw-button", type: "submit" }, "Save as a recording"));
   const kept = node("p", { class: "arm-note", role: "status" });
+  const legend = node("span", { class: "hw-row arm-legend" });
   const box = node("div", { id: "arm-taught", hidden: true },
     node("div", { class: "arm-time" }, curves, time),
-    node("div", { class: "hw-row" }, value, part),
+    node("div", { class: "hw-row" }, value, part, legend),
     node("div", { class: "hw-row" }, field("Speed ×", factor), field("Smooth", smooth), field("Rounds", rounds)),
     node("div", { class: "hw-row" }, start, pause, stop, slower),
     plan, save, kept);
   const from = node("div", { class: "hw-row", hidden: true }, field("Motion", source));
+  const empty = node("p", { class: "arm-note" }, "Nothing was taught yet, and there is no recording: teach a motion, or record the arm on the page Recordings.");
   const failed = node("p", { class: "arm-plan", role: "status", hidden: true, "data-level": "error" });
-  root.append(from, failed, box);
+  root.append(empty, from, failed, box);
 
   // -- what is shown --------------------------------------------------------------------------------
 
@@ -74,7 +136,9 @@ export function mountTimeline(page, root) {
     // Nothing is chosen by the way: a recording is read when somebody wants it.
     if (!hand) rows.unshift([TAUGHT, "choose a recording"]);
     source.replaceChildren(...rows.map(([key, words]) => node("option", { value: key, selected: key === now }, words)));
-    from.hidden = teaching || (!names.length && !hand);
+    const none = !names.length && !hand;
+    from.hidden = teaching || none;
+    empty.hidden = !none;
   };
   const motion = (first) => ({
     what: "play", begin: first, smooth: Number(smooth.value), factor: wantedFactor(),
@@ -121,8 +185,14 @@ export function mountTimeline(page, root) {
     time.step = Math.max(0.001, taught.duration / 500);
     mark(Math.min(cursor, taught.duration));
     bounds();
+    legend.replaceChildren(...taught.names.map((joint) => {
+      const swatch = node("span", { class: "arm-swatch" });
+      swatch.style.setProperty("--colour", `var(${colour(joint)})`);
+      return node("span", {}, swatch, joint);
+    }));
     draw();
   }
+  const colour = (joint) => `--joint-${(page.args.joints.findIndex((one) => one.name === joint) % 8) + 1}`;
   const share = (at) => (taught.duration > 0 ? at / taught.duration : 0);
   function bounds() {
     off[0].style.width = `${100 * share(begin)}%`;
@@ -162,6 +232,19 @@ export function mountTimeline(page, root) {
     pen.scale(ratio, ratio);
     pen.lineWidth = 1.5;
     const style = getComputedStyle(document.documentElement);
+    const line = (x, from, to) => {
+      pen.beginPath();
+      pen.moveTo(x, from);
+      pen.lineTo(x, to);
+      pen.stroke();
+    };
+    const [grid, words] = ["--hw-line", "--hw-dim"].map((one) => getComputedStyle(plot).getPropertyValue(one).trim());
+    const tick = TICKS.find((step) => taught.duration / step <= width / TICK) ?? TICKS.at(-1);
+    [pen.strokeStyle, pen.fillStyle, pen.font] = [grid, words, "11px system-ui, sans-serif"];
+    for (let t = tick; t < taught.duration; t += tick) {
+      line(share(t) * width, 0, height);
+      pen.fillText(`${Number(t.toFixed(1))} s`, share(t) * width + 3, height - 3);
+    }
     // Each joint from where it began, so that a small motion is seen beside a far posture.
     const first = taught.rows[0];
     let [low, high] = [-0.05, 0.05];
@@ -170,8 +253,7 @@ export function mountTimeline(page, root) {
     }
     const y = (angle) => height - PAD - ((angle - low) / (high - low)) * (height - 2 * PAD);
     taught.names.forEach((joint, i) => {
-      const place = page.args.joints.findIndex((one) => one.name === joint);
-      pen.strokeStyle = style.getPropertyValue(`--joint-${(place % 8) + 1}`).trim() || "#888";
+      pen.strokeStyle = style.getPropertyValue(colour(joint)).trim() || "#888";
       pen.beginPath();
       taught.times.forEach((t, k) => pen[k ? "lineTo" : "moveTo"](share(t) * width, y(taught.rows[k][i] - first[i])));
       pen.stroke();
@@ -233,12 +315,14 @@ export function mountTimeline(page, root) {
 
   async function preview() {
     timer = 0;
-    if (!taught || playing) return;
+    if (!taught || playing || !root.isConnected) return;
     const mine = asked;
     const told = await page.call("preview", { motion: { ...motion(where()), speed: page.speed } });
     if (mine !== asked || playing || !taught) return;
     showPlan(plan, told);
-    refused = Boolean(told.refusal);
+    // What cannot be previewed would not be played either; but an error may pass, as that of a busy studio.
+    refused = Boolean(told.refusal || told.error);
+    if (told.error) timer = setTimeout(preview, AGAIN);
     offer(told.fits ?? null);
   }
   function offer(found) {

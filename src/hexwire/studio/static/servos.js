@@ -6,7 +6,7 @@ import { backup, identity, registers } from "./servos_settings.js";
 import { health, ofJoint, overview, stress, wave } from "./servos_checks.js";
 import { calibration, setUp } from "./servos_calibration.js";
 import { View, button, choice, field, form, frames, hint, live, progress, put, row, table } from "./servos_kit.js";
-import { fill, html, loadSheet, node, question } from "./widgets.js";
+import { fill, html, loadSheet, node, question, tabs } from "./widgets.js";
 
 const PARTS = {
   overview: ["Overview", overview],
@@ -217,28 +217,8 @@ export function listMarkup({ found, selected }) {
 function buildParts(view, right, names) {
   [view.part] = names;
   const body = node("div", { class: "sv-part", role: "tabpanel", tabindex: "0" });
-  const tabs = node("div", { class: "sv-tabs", role: "tablist", "aria-label": "Parts" },
-    ...names.map((name) => node("button", { type: "button", role: "tab", class: "sv-tab", "data-part": name }, PARTS[name][0])));
-  const choose = (tab) => {
-    view.part = tab.dataset.part;
-    view.redraw();
-  };
-  tabs.addEventListener("click", (event) => event.target.closest("[role=tab]") && choose(event.target.closest("[role=tab]")));
-  // Arrow keys go from tab to tab, as everywhere.
-  tabs.addEventListener("keydown", (event) => {
-    const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
-    if (!step) return;
-    const all = [...tabs.children];
-    const next = all[(all.indexOf(event.target) + step + all.length) % all.length];
-    next.focus();
-    choose(next);
-  });
-  view.redraw = () => {
-    for (const tab of tabs.children) {
-      const on = tab.dataset.part === view.part;
-      tab.setAttribute("aria-selected", on);
-      tab.tabIndex = on ? 0 : -1;
-    }
+  const parts = tabs("Parts", Object.fromEntries(names.map((name) => [name, PARTS[name][0]])), (name) => {
+    view.part = name;
     // A place of its own: what comes late for the part of before is drawn nowhere.
     const place = node("div");
     body.replaceChildren(place);
@@ -249,6 +229,7 @@ function buildParts(view, right, names) {
       place.append(node("h2", { class: "sv-h2" }, view.joint ? `${view.joint.name}, servo ${view.selected}` : `Servo ${view.selected}`));
       part(view, place, view.selected);
     }
-  };
-  right.append(tabs, body);
+  });
+  view.redraw = () => parts.show(view.part);
+  right.append(parts.row, body);
 }

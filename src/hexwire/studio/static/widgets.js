@@ -88,6 +88,29 @@ export function loadSheet(address) {
   });
 }
 
+/** Tabs; arrow keys go from one to the next. `choose` gets the key of the one that is shown. @returns their row, and what shows one */
+export function tabs(label, names, choose) {
+  const row = node("div", { class: "hw-tabs", role: "tablist", "aria-label": label },
+    ...Object.entries(names).map(([key, words]) => node("button", { type: "button", role: "tab", class: "hw-tab", "data-part": key, onclick: () => show(key) }, words)));
+  const all = /** @type {HTMLElement[]} */ ([...row.children]);
+  const show = (key) => {
+    for (const tab of all) {
+      const on = tab.dataset.part === key;
+      tab.setAttribute("aria-selected", String(on));
+      tab.tabIndex = on ? 0 : -1;
+    }
+    choose(key);
+  };
+  row.addEventListener("keydown", (event) => {
+    const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+    if (!step) return;
+    const next = all[(all.indexOf(/** @type {HTMLElement} */ (event.target)) + step + all.length) % all.length];
+    next.focus();
+    show(next.dataset.part);
+  });
+  return { row, show };
+}
+
 /** A group of switches; `changed` gets the keys that are on, in order. */
 export function chips(label, items, on, changed, options = {}) {
   const group = make("fieldset", { className: "pl-chips" }, make("legend", { textContent: label }));
