@@ -3,6 +3,7 @@
     python tests/bench/studio_process.py owner  --port URL     the arm, opened as the studio opens it; no pages
     python tests/bench/studio_process.py studio --port URL     `hexwire studio`
     python tests/bench/studio_process.py camera --port URL     the same with a camera of pictures made before
+    python tests/bench/studio_process.py full   --port URL     the same with ten minutes of history from the start
 
 A line on stdin asks how late the owner's cycles began since the last line; the answer is a line of JSON, seconds.
 """
@@ -13,6 +14,9 @@ import json
 import sys
 import threading
 import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from hexwire.control.loop import loop
 from hexwire.control.loop.shutdown import Shutdown
@@ -34,13 +38,15 @@ def main(words: list[str]) -> None:
     loop.RateLoop._wait_until = noted  # type: ignore[method-assign]  # eyes on the loop
     kind, *rest = words
     answer = threading.Thread(target=_answer, args=(delays,), daemon=True)
-    if kind in ("studio", "camera"):
+    if kind in ("studio", "camera", "full"):
         from hexwire.cli.main import cli
 
         answer.start()
         if kind == "camera":
             _show_pictures()
             rest += ["--camera", "all"]
+        if kind == "full":
+            _fill_histories()
         cli(["studio", *rest])
         return
     from hexwire.studio.source import Source
@@ -90,6 +96,23 @@ def _show_pictures() -> None:
             pass
 
     v4l2.find_cameras = lambda devices, library=None: Cameras([Camera("/dev/video0", Pictures)])
+
+
+def _fill_histories() -> None:
+    """Give every arm that is opened ten minutes of history."""
+    from tests.studio.running import fill_history
+
+    from hexwire.studio.arm_source import ArmSource
+
+    start = ArmSource.start
+
+    def started(arm: ArmSource) -> None:
+        start(arm)
+        while arm.arm.owner.state is None:
+            time.sleep(0.01)
+        fill_history(arm)
+
+    ArmSource.start = started  # type: ignore[method-assign]
 
 
 def _answer(delays: list[float]) -> None:

@@ -63,6 +63,8 @@ _LOOKS = 0.2
 """Seconds between two samples of the health of the servos, as on a bare bus."""
 _FRESH = 2.0
 """Seconds for which an answer of the robot is passed on, so that questions of pages cannot keep its line busy."""
+_TORQUE_ON = int(JointFlag.TORQUE_ON)
+"""As a plain number, which costs a tenth of a flag in each frame."""
 _T = TypeVar("_T")
 
 
@@ -435,10 +437,10 @@ class ArmSource:
             bits |= FrameBit.KNOWN
         if self.hold_to_run.entry is not None:
             bits |= FrameBit.HELD
-        for joint in state:
-            if not joint.flags & JointFlag.TORQUE_ON:
+        for name, row in zip(state.names, state.flags, strict=True):
+            if not row & _TORQUE_ON:
                 # When it gets torque again, it holds where it is then.
-                self.goals.pop(joint.name, None)
+                self.goals.pop(name, None)
         if len(known) < len(state):
             silent = (0 if name in known else int(JointFlag.SILENT) for name in state.names)
             flags = tuple(bits | more for bits, more in zip(state.flags, silent, strict=True))
