@@ -16,6 +16,7 @@ export async function mount(element, args) {
   const state = { list: null, chosen: "", rows: new Map(), asked: 0, shown: 0, outdated: 0, looking: 0, lost: false, refusal: "" };
   const note = make("p", { className: "pl-note rc-note", role: "status" });
   const record = button("Record the arm", toggleRecord, "rc-record");
+  record.disabled = true; // until it is known whether one is being made
   const recording = make("span", { className: "rc-recording" });
   const seen = make("input", { type: "checkbox" });
   const cameras = make("label", { className: "rc-with", hidden: true }, seen, " with cameras");
@@ -93,7 +94,6 @@ export async function mount(element, args) {
   }
 
   async function toggleRecord() {
-    if (!state.list) return;
     if (!state.list.recorder.name) await act("recordings.record", { cameras: seen.checked });
     else {
       const ended = await act("recordings.end");
