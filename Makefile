@@ -145,10 +145,11 @@ types: setup
 	$(BIN)/mypy --strict src packages/zenoh-ros2/src examples '$(PLUGIN)/src'
 
 # The studio's modules, by their JSDoc types. In a folder of their own: in place of what they use of others, which is as
-# large and has no types, there are the declarations of tests/npm/types.
-types-js: $(NPM)/.ready
+# large and has no types, there are the declarations of tests/npm/types; calls are declared as Python has them.
+types-js: $(NPM)/.ready setup
 	rm -rf '$(ROOT)/build/types' && cp -r '$(ROOT)/tests/npm/types' '$(ROOT)/build/types'
 	cp $(filter-out %.min.js,$(wildcard src/hexwire/studio/static/*.js)) '$(ROOT)/build/types'
+	$(BIN)/python '$(ROOT)/tests/npm/types/calls.py' > '$(ROOT)/build/types/calls.d.ts'
 	$(RUN_NODE) '$(NPM)/node_modules/typescript/bin/tsc' -p '$(ROOT)/build/types'
 
 # What is guarded for another system is unreachable in these two. A cache serves one system.

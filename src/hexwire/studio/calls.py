@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from .urdf_folder import UrdfFolder
     from .wire_feed import WireFeed
 
-__all__ = ["Arguments", "Asked", "Call", "CallHost", "CallLane", "call", "find_call"]
+__all__ = ["Arguments", "Asked", "Call", "CallHost", "CallLane", "all_calls", "call", "find_call"]
 
 
 class CallLane(Enum):
@@ -220,3 +220,8 @@ def find_call(name: str) -> Call:
     if found is None:
         raise UsageError(f"there is no call {name[:20]!r}")
     return found
+
+
+def all_calls() -> list[Call]:
+    """All calls."""
+    return list(_calls.values())

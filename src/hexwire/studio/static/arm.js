@@ -3,43 +3,65 @@
 Owns what the parts share (`page`): speed, calls to the server, the ghost, the running motion; how a press, a drag or a key
 becomes a hold, and the numbers at frame rate. Must not decide what may move: the server checks every hold and every call. */
 
-import hexwire, { faultsOf, FLAG } from "./live.js";
+import hexwire, { all, faultsOf, FLAG, required } from "./live.js";
 import { gotoMarkup, gripperMarkup, mountGoto, mountGripper, mountPoses, posesMarkup } from "./arm_motion.js";
-import { fill, html, loadSheet, tabs } from "./widgets.js";
+import { fill, html, loadSheet, tabs, whyOf } from "./widgets.js";
 
 const READ = 6000; // ms for which a reason stays in sight
 const OVER = 0.06; // share of the range that a slider shows beyond each limit
 const GRAB = 24; // pixels from the marker at which a drag begins
 const PACE = 40; // ms between two changes of a drag
 const SPOKEN = 500; // ms between two changes of what a screen reader is told
+/** @type {Record<string, number>} */
 const MORE = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 };
 const IDLE_KEYS = new Set(["Home", "End", "PageUp", "PageDown"]);
 const GIMBAL = 1e-9;
 const WAYS = { drive: "Jog and go", teach: "Teach and play", program: "Program", leader: "Leader arm" };
 // Not in the first picture.
+/** @type {Partial<Record<Way, () => Promise<(page: Page, root: HTMLElement) => void>>>} */
 const LATER = {
   teach: () => import("./arm_timeline.js").then(({ mountTeach }) => mountTeach),
   program: () => import("./arm_program.js").then(({ mountProgram }) => mountProgram),
   leader: () => import("./arm_leader.js").then(({ mountLeader }) => mountLeader),
 };
 
-let way = { of: "", name: "drive" }; // what is shown beside the arm: it stays when the page is left
+/** @type {{ of: number, name: Way }} */
+let way = { of: -1, name: "drive" }; // what is shown beside the arm: it stays when the page is left
 
-export const degrees = (radians) => (radians * 180) / Math.PI;
-export const radians = (value) => (value * Math.PI) / 180;
+/**
+ * @typedef {{ joints: JointRange[] } & Partial<ArmValues>} Args
+ * @typedef {{ [K in "position" | "goal" | "load" | "flags"]: ArrayLike<number> }} Drawn
+ * @typedef {{ draw: Drawn, facts: Facts, speed: number, taught: Taught, need: null, way: Way, why: string, run: Run, elapsed: { run: Run, now: number } }} Events
+ * @typedef {ReturnType<typeof makePage>} Page
+ * @typedef {keyof typeof WAYS} Way
+ */
 
+export const degrees = (/** @type {number} */ value) => (value * 180) / Math.PI;
+export const radians = (/** @type {number} */ value) => (value * Math.PI) / 180;
+
+/**
+ * Whether an answer of `page.call` says that it was refused.
+ * @type {(answer: unknown) => answer is Refused}
+ */
+export const isRefused = (answer) => typeof answer === "object" && answer !== null && "error" in answer;
+
+/** @param {number} value */
 export function fixed(value, digits = 1) {
   if (!Number.isFinite(value)) return "–";
   const text = value.toFixed(digits);
   return Number(text) === 0 ? text.replace("-", "") : text.replace("-", "−");
 }
 
-/** The page follows what is open. */
+/**
+ * The page follows what is open.
+ * @param {HTMLElement} element
+ */
 export function mount(element) {
   let shown = "";
   let taught = "";
+  /** @type {Page | null} */
   let page = null;
-  const follow = async (facts) => {
+  const follow = async (/** @type {Facts} */ facts) => {
     const now = `${facts.mode} ${facts.opened} ${facts.mode === "arm" ? "" : facts.open_error}`;
     if (now !== shown) {
       shown = now;
@@ -48,9 +70,9 @@ export function mount(element) {
         fill(element, nothing(facts));
         return;
       }
-      const args = await hexwire.call("arm.values", {}, facts.opened).catch((error) => ({ error: error.message }));
+      const args = await hexwire.call("arm.values", {}, facts.opened).catch((error) => ({ error: whyOf(error) }));
       if (now !== shown) return;
-      if (args.error) {
+      if (isRefused(args)) {
         shown = ""; // asked again with the next facts
         fill(element, html`<p class="hw-bad">${args.error}</p>`);
         return;
@@ -67,6 +89,7 @@ export function mount(element) {
   hexwire.onFacts(follow, element);
 }
 
+/** @param {Facts} facts */
 function nothing({ mode, open_error: error }) {
   if (mode === "opening") return html`<p>The arm is being opened.</p>`;
   if (mode === "bus") {
@@ -77,8 +100,13 @@ function nothing({ mode, open_error: error }) {
     <a href="/">Arms</a>, or a servo bus on <a href="/servos">Servos</a>.</p>`;
 }
 
+/**
+ * @param {HTMLElement} element
+ * @param {ArmValues} args
+ * @param {number} opened
+ */
 function draw(element, args, opened) {
-  const root = fill(element, markup(args)).firstElementChild;
+  const root = required(fill(element, markup(args)), ".arm-page");
   const page = makePage(root, args, opened);
   mountBar(page);
   mountJoints(page);
@@ -100,25 +128,29 @@ function draw(element, args, opened) {
   hexwire.onFacts((facts) => page.tell("facts", facts), root);
   mountView(page);
   // Not in the first picture: nobody jogs by steps or keys before the page has control.
+  /** @type {Promise<unknown> | null} */
   let jog = null;
-  const pad = page.find("#arm-pad"), map = page.find("#arm-pad-map");
+  const pad = page.get("#arm-pad"), map = page.get("#arm-pad-map");
   pad.addEventListener("change", () => import("./arm_pad.js").then(({ mountPad }) => root.isConnected && mountPad(page)), { once: true });
   const camera = page.find("#arm-camera");
-  camera?.addEventListener("click", () => {
+  if (camera instanceof HTMLButtonElement) camera.addEventListener("click", () => {
     camera.disabled = true; // until there is a picture
     import("./arm_camera.js").then(({ mountCameras }) => root.isConnected && mountCameras(page, camera));
   }, { once: true });
   pad.addEventListener("change", () => (map.hidden = false), { once: true });
+  /** @type {Partial<Record<Way, Promise<unknown>>>} */
   const loaded = {};
-  const load = (name) => LATER[name] && (loaded[name] ||= Promise.all([LATER[name](), loadSheet("/static/arm_ways.css")])
-    .then(([part]) => root.isConnected && part(page, page.find(`#arm-${name}`))));
+  const load = (/** @type {Way} */ name) => {
+    const later = LATER[name];
+    if (later) loaded[name] ||= Promise.all([later(), loadSheet("/static/arm_ways.css")]).then(([part]) => root.isConnected && part(page, page.get(`#arm-${name}`)));
+  };
   const ways = tabs("Ways to move the arm", WAYS, (name) => {
     way = { of: opened, name };
     for (const panel of page.all("[role=tabpanel]")) panel.hidden = panel.id !== `arm-${name}`;
     load(name);
     page.tell("way", name);
   });
-  page.find(".arm-right").prepend(ways.row);
+  page.get(".arm-right").prepend(ways.row);
   ways.show(way.of === opened ? way.name : "drive");
   page.on("need", () => {
     if (!page.mine) return;
@@ -128,38 +160,73 @@ function draw(element, args, opened) {
   return page;
 }
 
+/**
+ * What the parts of a page about joints share.
+ * @param {HTMLElement} root
+ * @param {Args} args
+ * @param {number} opened `facts.opened` of what is shown
+ */
 export function makePage(root, args, opened) {
-  const listeners = {};
+  /** @type {{ [K in keyof Events]: ((value: Events[K]) => unknown)[] }} */
+  const listeners = { draw: [], facts: [], speed: [], taught: [], need: [], way: [], why: [], run: [], elapsed: [] };
   const page = {
     root,
     args,
+    /** @type {import("./arm3d.js").Arm3D | null} */
     view: null,
+    /** @type {Plan | Refused | null} */
     plan: null, // the previewed motion
+    mine: false, // has control, and knows what the arm does
+    unready: "", // why the arm as a whole cannot be moved now
     speed: 0.3,
     hidden: 0, // how often the page was hidden
     lost: 0, // and how often it had no control
     step: 0, // degrees or millimetres of a click; 0: the arm moves while a button is held
+    /** @type {(selector: string) => HTMLElement | null} */
     find: (selector) => root.querySelector(selector),
-    all: (selector) => [...root.querySelectorAll(selector)],
+    /** @type {<E extends Element = HTMLElement>(selector: string, kind?: new () => E) => E} */
+    get: (selector, kind) => required(root, selector, kind),
+    /** @type {<E extends Element = HTMLElement>(selector: string, kind?: new () => E) => E[]} */
+    all: (selector, kind) => all(root, selector, kind),
+    /**
+     * @template {keyof Events} K
+     * @param {K} name
+     * @param {(value: Events[K]) => unknown} act
+     */
     on(name, act) {
-      (listeners[name] ||= []).push(act);
+      listeners[name].push(act);
     },
+    /**
+     * @template {keyof Events} K
+     * @param {K} name
+     * @param {Events[K]} value
+     */
     tell(name, value) {
-      for (const act of listeners[name] || []) act(value);
+      for (const act of listeners[name]) act(value);
     },
-    /** Ask the server; the answer has `error` if it refused. */
-    call: (name, values = {}) => hexwire.call(`arm.${name}`, values, opened).catch((error) => ({ error: error.message })),
+    /**
+     * Ask the server; the answer has `error` if it refused.
+     * @type {<N extends keyof Calls>(name: N, args?: Calls[N]["args"]) => Promise<Calls[N]["answer"] | Refused>}
+     */
+    call: (name, values = {}) => hexwire.call(name, values, opened).catch((error) => ({ error: whyOf(error) })),
     /** Show what was taught, or that it is being taught. */
     async tellTaught() {
-      const told = await page.call("taught");
-      if (!told.error) page.tell("taught", told);
+      const told = await page.call("arm.taught");
+      if (!isRefused(told)) page.tell("taught", told);
     },
-    /** Begin a motion that lasts while this page is in sight; resolves with why it ended. */
+    /**
+     * Begin a motion that lasts while this page is in sight; resolves with why it ended.
+     * @param {Record<string, unknown>} values
+     */
     run(values) {
       return hexwire.hold("run", { speed: page.speed, ...values }, { attended: true });
     },
-    /** What to hold for a joint: while it turns in a direction, or goes to an angle. */
+    /**
+     * What to hold for a joint: while it turns in a direction, or goes to an angle.
+     * @type {(joint: string, turn: number) => [string, object]}
+     */
     jog: (joint, turn) => ["joint", { directions: { [joint]: turn }, speed: page.speed }],
+    /** @type {(joint: string, goal: number) => [string, object]} */
     drag: (joint, goal) => ["drag", { goals: { [joint]: goal }, speed: page.speed }],
     /** From now on, why what this page does in several motions is to end, as one that it holds would; empty if it may go on. */
     attend() {
@@ -172,17 +239,25 @@ export function makePage(root, args, opened) {
         return stops() === before.stops ? "" : "stopped";
       };
     },
-    /** Show where a motion would end; null hides it. */
+    /**
+     * Show where a motion would end; null hides it.
+     * @param {Record<string, number> | null} goal
+     * @param {number[][] | null} trace
+     */
     ghost(goal, trace = null) {
       if (!page.view) return;
       page.view.setGhost(goal);
       page.view.trace(trace && trace.length > 1 ? trace : null);
     },
-    /** Where the joints are; NaN for one of which nobody knows it. */
+    /**
+     * Where the joints are; NaN for one of which nobody knows it.
+     * @returns {number[] | Float32Array | null}
+     */
     positions() {
       const { frame, known } = hexwire;
       return frame && frame.position.map((angle, i) => (known && frame.known[i] ? angle : NaN));
     },
+    /** @type {(i: number) => boolean} */
     knows: (i) => Boolean(hexwire.known && hexwire.frame && hexwire.frame.known[i]),
   };
   document.addEventListener("visibilitychange", function hides() {
@@ -192,13 +267,14 @@ export function makePage(root, args, opened) {
   return page;
 }
 
+/** @param {Page} page */
 async function mountView(page) {
-  const element = page.find("#arm-view");
-  if (!element || !(page.args.look ?? page.args.geometry)) return;
+  const element = page.find("#arm-view"), geometry = page.args.look ?? page.args.geometry;
+  if (!element || !geometry) return;
   const { Arm3D } = await import("./arm3d.js");
   if (!element.isConnected) return;
-  const view = (page.view = new Arm3D(element, page.args.look ?? page.args.geometry, { theme: "auto" }));
-  view.setTable(page.args.table);
+  const view = (page.view = new Arm3D(element, geometry, { theme: "auto" }));
+  view.setTable(page.args.table ?? null);
   view.setTip("own");
   const none = new Float32Array(page.args.joints.length);
   view.setJoints(none, []);
@@ -206,9 +282,9 @@ async function mountView(page) {
   page.on("draw", show);
   page.on("facts", show);
   for (const button of page.all("[data-view]")) button.addEventListener("click", () => view.resetView(button.dataset.view));
-  const large = page.find("#arm-large");
+  const large = page.get("#arm-large"), part = page.get(".arm-view-part");
   large.addEventListener("click", () => {
-    const now = element.closest(".arm-view-part").classList.toggle("arm-large");
+    const now = part.classList.toggle("arm-large");
     large.setAttribute("aria-pressed", String(now));
   });
   const watch = setInterval(() => {
@@ -220,9 +296,10 @@ async function mountView(page) {
 
 // -- speed, and what keeps the arm from moving -----------------------------------------------------------
 
+/** @param {Page} page */
 function mountBar(page) {
-  const speed = page.find("#arm-speed");
-  const value = page.find("#arm-speed-value");
+  const speed = page.get("#arm-speed", HTMLInputElement);
+  const value = page.get("#arm-speed-value");
   const show = () => {
     page.speed = Number(speed.value) / 100;
     value.textContent = `${speed.value} %`;
@@ -233,16 +310,16 @@ function mountBar(page) {
     page.tell("speed", page.speed);
   });
   show();
-  const hint = page.find("#arm-hint");
+  const hint = page.get("#arm-hint");
   let lasting = "";
   let until = 0;
   page.on("facts", (facts) => {
     const holds = facts.holder_tab !== "" && facts.holder_tab === hexwire.tab;
     page.mine = holds && hexwire.known;
     if (!page.mine) page.lost += 1;
-    page.unready = hexwire.known ? facts.unready : facts.unready || "nobody knows what the arm does";
-    for (const element of page.all(".arm-need")) element.disabled = !page.mine;
-    for (const element of page.all(".arm-whole")) element.disabled = !page.mine || page.unready !== "";
+    page.unready = facts.unready || (hexwire.known ? "" : "nobody knows what the arm does");
+    for (const element of page.all(".arm-need")) element.toggleAttribute("disabled", !page.mine);
+    for (const element of page.all(".arm-whole")) element.toggleAttribute("disabled", !page.mine || page.unready !== "");
     page.root.classList.toggle("arm-idle", !page.mine);
     let text = "";
     if (page.unready) text = `${capital(page.unready)}.`;
@@ -252,7 +329,7 @@ function mountBar(page) {
     else if (facts.torque === "partly on") text = "Some joints have no torque and do not move.";
     lasting = text;
     if (performance.now() > until && hint.textContent !== text) hint.textContent = text;
-    page.tell("need");
+    page.tell("need", null);
   });
   page.on("why", (text) => {
     hint.textContent = capital(text);
@@ -263,18 +340,20 @@ function mountBar(page) {
 
 // -- the motion that runs ----------------------------------------------------------------------------------
 
+/** @param {Page} page */
 function mountRun(page) {
-  const bar = page.find("#arm-run-bar");
-  const text = page.find("#arm-run-text");
-  const end = page.find("#arm-run-end");
+  const bar = page.get("#arm-run-bar", HTMLProgressElement);
+  const text = page.get("#arm-run-text");
+  const end = page.get("#arm-run-end", HTMLButtonElement);
+  /** @type {Run | null} */
   let run = null;
   let since = 0;
-  const elapsed = () => Math.min(run.duration, run.elapsed + (run.outcome ? 0 : (performance.now() - since) / 1000));
+  const elapsed = (/** @type {Run} */ run) => Math.min(run.duration, run.elapsed + (run.outcome ? 0 : (performance.now() - since) / 1000));
   hexwire.onRun((told) => {
     run = told;
     since = performance.now();
     if (told.outcome) {
-      const words = { succeeded: told.holds ? "holds an object" : told.off ? `arrived, ${told.off}` : "arrived" }[told.outcome] || told.text || told.outcome;
+      const words = told.outcome !== "succeeded" ? told.text || told.outcome : told.holds ? "holds an object" : told.off ? `arrived, ${told.off}` : "arrived";
       text.textContent = `${capital(told.title)}: ${words}`;
       bar.value = told.outcome === "succeeded" ? 1 : bar.value;
       text.dataset.level = told.outcome === "aborted" ? "error" : "";
@@ -285,7 +364,7 @@ function mountRun(page) {
   }, page.root);
   page.on("draw", () => {
     if (!run || run.outcome) return;
-    const now = elapsed();
+    const now = elapsed(run);
     bar.value = run.duration > 0 ? now / run.duration : 1;
     const words = `${capital(run.title)}: ${now.toFixed(1)} of ${run.duration.toFixed(1)} s`;
     if (text.textContent !== words) text.textContent = words;
@@ -298,16 +377,23 @@ function mountRun(page) {
   end.addEventListener("click", () => hexwire.release("ended"));
 }
 
-export const capital = (words) => words.charAt(0).toUpperCase() + words.slice(1);
+export const capital = (/** @type {string} */ words) => words.charAt(0).toUpperCase() + words.slice(1);
 
-/** A solution of the inverse kinematics in words: of the two of the wrist, one is turned over. */
+/**
+ * A solution of the inverse kinematics in words: of the two of the wrist, one is turned over.
+ * @param {string} name
+ */
 export const branchWords = (name) => name.replace(/,? ?wrist 1$/, "").replace("wrist 2", "wrist turned over") || "wrist as usual";
 
-/** What a plan comes to, in words, into an element. */
+/**
+ * What a plan comes to, in words, into an element.
+ * @param {HTMLElement} element
+ * @param {Plan | Refused} plan
+ */
 export function showPlan(element, plan) {
   element.dataset.level = "";
-  if (plan.error || plan.refusal) {
-    element.textContent = plan.error || capital(plan.refusal);
+  if (isRefused(plan) || plan.refusal) {
+    element.textContent = isRefused(plan) ? plan.error : capital(plan.refusal);
     element.dataset.level = "error";
     return;
   }
@@ -323,41 +409,54 @@ export function showPlan(element, plan) {
 
 // -- joints and jog ------------------------------------------------------------------------------------------------
 
+/** @param {Page} page */
 function mountJoints(page) {
   page.args.joints.forEach((joint, i) => {
     const row = page.find(`tr[data-joint="${CSS.escape(joint.name)}"]`);
     if (row) mountRow(page, row, joint, i);
   });
-  for (const button of page.all(".arm-space .arm-jog")) {
+  for (const button of page.all(".arm-space .arm-jog", HTMLButtonElement)) {
     const tool = [0, 0, 0, 0, 0, 0];
     tool[Number(button.dataset.axis)] = Number(button.dataset.turn);
     hexwire.holdButton(button, "space", () => ({ tool, speed: page.speed }), { idle: () => page.step });
   }
 }
 
-/** A joint's row: buttons, slider, values. */
+/**
+ * A joint's row: buttons, slider, values.
+ * @param {Page} page
+ * @param {HTMLElement} row
+ * @param {JointRange} joint
+ * @param {number} i
+ */
 export function mountRow(page, row, joint, i) {
-  const cell = (name) => row.querySelector(`[data-value="${name}"]`);
-  const slider = row.querySelector(".arm-slider");
+  const slider = required(row, ".arm-slider");
   const low = joint.min - OVER * (joint.max - joint.min);
   const high = joint.max + OVER * (joint.max - joint.min);
-  const share = (angle) => Math.min(1, Math.max(0, (angle - low) / (high - low)));
+  const share = (/** @type {number} */ angle) => Math.min(1, Math.max(0, (angle - low) / (high - low)));
   row.style.setProperty("--colour", `var(--joint-${(i % 8) + 1})`);
-  slider.style.setProperty("--low", share(joint.min));
-  slider.style.setProperty("--high", share(joint.max));
-  for (const button of row.querySelectorAll(".arm-jog")) {
+  slider.style.setProperty("--low", String(share(joint.min)));
+  slider.style.setProperty("--high", String(share(joint.max)));
+  for (const button of all(row, ".arm-jog", HTMLButtonElement)) {
     const turn = Number(button.dataset.turn);
     const [kind] = page.jog(joint.name, turn);
     hexwire.holdButton(button, kind, () => page.jog(joint.name, turn)[1], { idle: () => page.step });
   }
   mountSlider(page, slider, joint, i, { low, high, share });
-  drawRow(page, { cell, slider, share, joint, i, row });
+  drawRow(page, { slider, share, joint, i, row });
 }
 
-function drawRow(page, { cell, slider, share, joint, i, row }) {
+/**
+ * @param {Page} page
+ * @param {{ slider: HTMLElement, share: (angle: number) => number, joint: JointRange, i: number, row: HTMLElement }} parts
+ */
+function drawRow(page, { slider, share, joint, i, row }) {
+  const cell = (/** @type {string} */ name) => required(row, `[data-value="${name}"]`);
   const cells = { position: cell("position"), goal: cell("goal"), load: cell("load"), state: cell("state") };
+  /** @type {Record<string, string>} */
   const shown = {};
   let spoken = 0;
+  /** @type {(name: keyof typeof cells, text: string) => void} */
   const put = (name, text) => {
     if (shown[name] === text) return;
     shown[name] = text;
@@ -367,7 +466,7 @@ function drawRow(page, { cell, slider, share, joint, i, row }) {
   page.on("facts", () => {
     const known = page.knows(i);
     row.classList.toggle("arm-silent", !known);
-    for (const button of row.querySelectorAll(".arm-jog")) button.disabled = !page.mine || !known;
+    for (const button of all(row, ".arm-jog", HTMLButtonElement)) button.disabled = !page.mine || !known;
   });
   page.on("draw", (frame) => {
     const position = frame.position[i];
@@ -386,7 +485,7 @@ function drawRow(page, { cell, slider, share, joint, i, row }) {
     const at = known ? share(position).toFixed(4) : "";
     if (shown.at !== at) {
       shown.at = at;
-      slider.style.setProperty("--at", at || 0);
+      slider.style.setProperty("--at", at || "0");
       slider.classList.toggle("arm-unknown", !at);
     }
     const now = performance.now();
@@ -399,18 +498,27 @@ function drawRow(page, { cell, slider, share, joint, i, row }) {
   });
 }
 
+/**
+ * @param {Page} page
+ * @param {HTMLElement} slider
+ * @param {JointRange} joint
+ * @param {number} i
+ * @param {{ low: number, high: number, share: (angle: number) => number }} ends
+ */
 function mountSlider(page, slider, joint, i, { low, high, share }) {
-  const aim = slider.querySelector(".arm-aim");
+  const aim = required(slider, ".arm-aim");
+  /** @type {{ goal: number, told: number, timer: number } | null} */
   let drag = null;
-  const angle = (event) => {
+  const angle = (/** @type {PointerEvent} */ event) => {
     const box = slider.getBoundingClientRect();
     const wanted = low + ((event.clientX - box.left) / box.width) * (high - low);
     return Math.min(joint.max, Math.max(joint.min, wanted));
   };
-  const mark = (goal) => {
+  const mark = (/** @type {number | null} */ goal) => {
     aim.hidden = goal === null;
-    if (goal !== null) slider.style.setProperty("--aim", share(goal));
+    if (goal !== null) slider.style.setProperty("--aim", String(share(goal)));
   };
+  /** @type {(mine: typeof drag, why: string) => void} */
   const over = (mine, why) => {
     if (drag === mine) drag = null;
     mark(null);
@@ -466,17 +574,30 @@ function mountSlider(page, slider, joint, i, { low, high, share }) {
 
 // -- the tip ---------------------------------------------------------------------------------------------------------
 
+/**
+ * @param {number[]} first
+ * @param {number[]} second
+ */
 function times([a, b, c, d], [x, y, z, w]) {
   return [d * x + a * w + b * z - c * y, d * y - a * z + b * w + c * x, d * z + a * y - b * x + c * w, d * w - a * x - b * y - c * z];
 }
 
+/**
+ * @param {number[]} turn
+ * @param {number[]} place
+ */
 function turned([a, b, c, d], [x, y, z]) {
   const [u, v, w] = [2 * (b * z - c * y), 2 * (c * x - a * z), 2 * (a * y - b * x)];
   return [x + d * u + b * w - c * v, y + d * v + c * u - a * w, z + d * w + a * v - b * u];
 }
 
-/** Position in metres and quaternion x, y, z, w of the tip at joint positions in radians. */
+/**
+ * Position in metres and quaternion x, y, z, w of the tip at joint positions in radians.
+ * @param {Geometry} geometry
+ * @param {ArrayLike<number>} positions
+ */
 export function tipOf(geometry, positions) {
+  /** @type {{ position: number[], quaternion: number[] }[]} */
   const frames = [];
   for (const link of geometry.links) {
     let turn = link.turn;
@@ -495,7 +616,10 @@ export function tipOf(geometry, positions) {
   return frames[geometry.tip];
 }
 
-/** Roll, pitch and yaw about the base's fixed axes of a quaternion, radians; at a pitch of a quarter turn, roll is 0. */
+/**
+ * Roll, pitch and yaw about the base's fixed axes of a quaternion, radians; at a pitch of a quarter turn, roll is 0.
+ * @param {number[]} quaternion
+ */
 export function rpyOf([x, y, z, w]) {
   const row = [1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)]; // first column of the rotation
   const cosine = Math.hypot(row[0], row[1]);
@@ -504,25 +628,33 @@ export function rpyOf([x, y, z, w]) {
   return [Math.atan2(2 * (y * z + x * w), 1 - 2 * (x * x + y * y)), pitch, Math.atan2(row[1], row[0])];
 }
 
-/** Values of the tip by name: x, y, z in metres, angles in radians. */
+/**
+ * Values of the tip by name: x, y, z in metres, angles in radians.
+ * @param {{ geometry: Geometry, turns?: ArmValues["turns"] }} args
+ * @param {ArrayLike<number>} positions
+ */
 export function tipValues(args, positions) {
   const { position, quaternion } = tipOf(args.geometry, positions);
   const [roll, pitch, yaw] = rpyOf(quaternion);
+  /** @type {Record<string, number>} */
   const values = { x: position[0], y: position[1], z: position[2], roll, pitch, yaw };
   (args.turns || []).forEach(({ offset, factors }, k) => {
-    const sum = Object.entries(factors).reduce((total, [i, factor]) => total + factor * positions[i], offset);
+    const sum = Object.entries(factors).reduce((total, [i, factor]) => total + factor * positions[Number(i)], offset);
     values[k ? "toolroll" : "toolpitch"] = sum;
   });
   return values;
 }
 
+/** @param {Page} page */
 function mountTip(page) {
-  const cells = page.all("[data-tip]");
-  if (!page.args.geometry || !cells.length) return;
+  const cells = page.all("[data-tip]"), { geometry, turns } = page.args;
+  if (!geometry || !cells.length) return;
   page.on("draw", () => {
-    const values = tipValues(page.args, page.positions());
+    const positions = page.positions();
+    if (!positions) return;
+    const values = tipValues({ geometry, turns }, positions);
     for (const cell of cells) {
-      const name = cell.dataset.tip;
+      const name = cell.dataset.tip ?? "";
       const text = name.length === 1 ? fixed(1000 * values[name]) : fixed(degrees(values[name]));
       if (cell.textContent !== text) cell.textContent = text;
     }
@@ -531,6 +663,7 @@ function mountTip(page) {
 
 // -- what is drawn -----------------------------------------------------------------------------------------------
 
+/** @param {ArmValues} args */
 function markup({ joints, space, jaws, geometry, look, emulated }) {
   return html`<div class="arm-page">
 <div class="arm-bar">
@@ -547,7 +680,7 @@ function markup({ joints, space, jaws, geometry, look, emulated }) {
 <div class="arm-left">${viewMarkup(look ?? geometry, space, emulated)}</div>
 <div class="arm-right"><div class="arm-panel" id="arm-drive" role="tabpanel" aria-label="${WAYS.drive}">
   ${jointsMarkup(joints)}${space && spaceMarkup()}${jaws && gripperMarkup()}${gotoMarkup(joints, space)}${posesMarkup(jaws)}</div>
-  ${Object.keys(LATER).map((name) => html`<section class="arm-part" id="arm-${name}" role="tabpanel" aria-label="${WAYS[name]}" hidden></section>`)}</div>
+  ${Object.entries(WAYS).slice(1).map(([name, words]) => html`<section class="arm-part" id="arm-${name}" role="tabpanel" aria-label="${words}" hidden></section>`)}</div>
 </div>`;
 }
 
@@ -559,6 +692,11 @@ export function stepsMarkup(unit = "° or mm") {
     <span class="arm-unit">${unit}</span></fieldset>`;
 }
 
+/**
+ * @param {Geometry | null} geometry
+ * @param {number | null} space
+ * @param {string} emulated
+ */
 function viewMarkup(geometry, space, emulated) {
   return html`<section class="arm-part arm-view-part" aria-label="View and motion">
   ${geometry ? html`<div class="arm-view" id="arm-view"></div>
@@ -578,6 +716,7 @@ function viewMarkup(geometry, space, emulated) {
 </section>`;
 }
 
+/** @param {JointRange[]} joints */
 export function jointsMarkup(joints) {
   return html`<section class="arm-part arm-joints-part" aria-labelledby="arm-joints-title">
   <h2 id="arm-joints-title">Joints</h2>
@@ -595,6 +734,7 @@ export function jointsMarkup(joints) {
 </section>`;
 }
 
+/** @param {JointRange} joint */
 export function jointMarkup({ name, min, max }) {
   const [low, high] = [min, max].map((angle) => String(Number(degrees(angle).toFixed(1)) || 0));
   return html`<tr data-joint="${name}">
@@ -613,7 +753,10 @@ export function jointMarkup({ name, min, max }) {
 </tr>`;
 }
 
-/** The pose of the tip; an arm of five joints aims its tool by pitch and roll. */
+/**
+ * The pose of the tip; an arm of five joints aims its tool by pitch and roll.
+ * @param {number} space
+ */
 export function tipMarkup(space) {
   const turns = space === 5 ? [["toolpitch", "pitch"], ["toolroll", "roll"]] : [["roll", "roll"], ["pitch", "pitch"], ["yaw", "yaw"]];
   const rows = [...["x", "y", "z"].map((axis) => [axis, axis, "mm"]), ...turns.map((turn) => [...turn, "°"])];
@@ -622,8 +765,10 @@ export function tipMarkup(space) {
 }
 
 function spaceMarkup() {
+  /** @type {(place: number, turn: number, label: string) => object} */
   const press = (place, turn, label) => html`<button class="hw-button arm-jog arm-need arm-whole" type="button"
     data-axis="${place}" data-turn="${turn}" aria-label="${label}, ${turn > 0 ? "plus" : "minus"}">${turn > 0 ? "+" : "−"}</button>`;
+  /** @type {(what: string, words: string, first: number) => object} */
   const group = (what, words, first) => html`<div class="arm-axes" role="group" aria-label="${words}">
     <span class="arm-axes-name">${words}</span>${["x", "y", "z"].map((axis, i) => html`<span class="arm-axis arm-axis-${axis}">
       ${press(first + i, -1, `${words} ${what} ${axis}`)}<span>${axis}</span>${press(first + i, 1, `${words} ${what} ${axis}`)}</span>`)}</div>`;

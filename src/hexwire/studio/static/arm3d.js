@@ -28,6 +28,17 @@ Mouse: drag turns, wheel zooms once the view has the focus, right drag moves, a 
 move; a finger that starts up or down scrolls the page. Keys: arrows turn, Shift and arrows move, + and - zoom, 0 or
 Home resets. Escape is not taken. */
 
+/**
+ * Radians in the order of the arm's joints, or by name.
+ * @typedef {number[] | Float32Array | Float64Array | Record<string, number>} Joints
+ * @typedef {{ position: number[], quaternion?: number[] }} TipPose
+ * @typedef {{ root: Three, frames: Three[], shades: [Three, Three, number][], bodies: Three[], joints: number[] | null, lost?: string }} Figure
+ * @typedef {(typeof LOOKS)["light"]} Look
+ * @typedef {{ theme?: Theme | "auto", label?: string, traceColour?: string, palette?: Record<Theme, string[]> }} Options
+ * @typedef {import("./arm_meshes.js").Surface} Surface
+ */
+
+/** @type {Three} */
 let three = null;
 try {
   const [THREE, { OrbitControls }] = await Promise.all([import("./vendor/three.module.min.js"), import("./vendor/OrbitControls.js")]);
@@ -36,6 +47,7 @@ try {
   console.warn("arm3d: three.js is missing", error);
 }
 
+/** @type {Record<Theme, Record<"sky" | "ground" | "floor" | "minor" | "major" | "text" | "shadow" | "lost" | "trace" | "ghost", string> & Record<"key" | "fill", number>>} */
 const LOOKS = {
   light: { sky: "#fbfcfd", ground: "#e3e8ee", floor: "#d9dfe6", minor: "#cfd6de", major: "#a9b4c0", text: "#4a5563",
            shadow: "#c3cad3", lost: "#8a929c", key: 1.9, fill: 1.2, trace: "#b02800", ghost: "#0a58b0" },
@@ -44,9 +56,45 @@ const LOOKS = {
 };
 const LABEL = "3D view of the arm. Arrow keys turn it, Shift and arrow keys move it, plus and minus zoom, 0 resets.";
 const SOFTWARE_PAUSE = 60, STILL = 250;
+/** @type {Record<string, number[]>} */
 const VIEWS = { home: [0.95, -1.25, 0.62], front: [1, 0, 0.12], side: [0, -1, 0.08], top: [-0.001, 0, 1] };
 
 export class Arm3D {
+  /** @type {Theme | null} */
+  theme = null;
+  /** @type {Figure | undefined} */
+  _arm;
+  /** @type {Figure | undefined} */
+  _ghost;
+  /** @type {boolean[]} */
+  _grey = [];
+  /** @type {number | null} */
+  _table = null;
+  /** @type {(() => void)[]} */
+  _stops = [];
+  /** @type {string | null} */
+  _marked = null;
+  /** @type {Map<Link, Surface[]>} */
+  _meshes = new Map(); // surfaces that were loaded
+  /** @type {Theme | "auto"} */
+  _wanted = "auto";
+  _seen = false;
+  _sized = false;
+  _ownTip = false;
+  _tipWanted = false;
+  _pause = 0; // ms between two pictures
+  _legend = document.createElement("p");
+  _plain = document.createElement("p"); // says which links are drawn plainly
+  /** @type {boolean[]} */
+  _moves = []; // which links a joint moves
+  /** @type {HTMLElement | undefined} */
+  _note;
+
+  /**
+   * @param {HTMLElement} element
+   * @param {Geometry} geometry
+   * @param {Options} options
+   */
   constructor(element, geometry, options = {}) {
     this.element = element;
     this.geometry = geometry;
@@ -54,8 +102,6 @@ export class Arm3D {
     this.available = false;
     this.drawn = 0;
     this._next = this._frame = this._later = this._still = 0;
-    this._marked = null;
-    this._meshes = new Map(); // by link: surfaces that were loaded
     this._names = geometry.joints.map((joint) => joint.name);
     if (getComputedStyle(element).position === "static") element.style.position = "relative";
     if (!three?.THREE || !three.OrbitControls) {
@@ -83,10 +129,14 @@ export class Arm3D {
 
   // -- what is shown ---------------------------------------------------------------------------------------------
 
+  /**
+   * @param {Joints} joints
+   * @param {boolean[] | null} known
+   */
   setJoints(joints, known = null) {
-    if (!this.available) return;
+    if (!this._arm) return;
     const moved = this._place(this._arm, joints);
-    if (this._mark(known, joints) || moved) this._change();
+    if (this._mark(this._arm, known, joints) || moved) this._change();
     // The first posture that is known decides what the camera sees.
     if (!this._seen && known?.some(Boolean)) {
       this._seen = true;
@@ -94,16 +144,23 @@ export class Arm3D {
     }
   }
 
-  /** Make grey what a joint moves of which nobody knows where it is. */
-  _mark(known, joints) {
-    const lost = this._names.map((name, i) => (known ? !known[i] : Number.isNaN(joints[i] ?? joints[name])));
-    const { links } = this.geometry, grey = [];
+  /**
+   * Make grey what a joint moves of which nobody knows where it is.
+   * @param {Figure} arm
+   * @param {boolean[] | null} known
+   * @param {Joints} joints
+   */
+  _mark(arm, known, joints) {
+    const lost = this._names.map((name, i) => (known ? !known[i] : Number.isNaN(valueOf(joints, name, i))));
+    const { links } = this.geometry;
+    /** @type {boolean[]} */
+    const grey = [];
     links.forEach((link, i) => grey.push(Boolean((link.axis && lost[link.joint]) || grey[link.parent])));
     const seen = lost.map(Number).join("");
-    if (seen === this._arm.lost) return false;
-    this._arm.lost = seen;
+    if (seen === arm.lost) return false;
+    arm.lost = seen;
     this._grey = grey;
-    this._paintGrey();
+    this._paintGrey(arm);
     const names = this._names.filter((_, i) => lost[i]);
     const all = names.length === lost.length;
     this._legend.textContent = names.length ? `Grey: ${all ? "the arm" : `what ${names.join(" ")} moves`} may be elsewhere` : "";
@@ -111,49 +168,51 @@ export class Arm3D {
     return true;
   }
 
-  _paintGrey() {
-    this._arm.bodies.forEach((body, i) => {
-      if (body) body.material = this._grey?.[i] ? this._lostMaterial : this._isMarked(i) ? this._markedMaterial : body.userData.own;
+  /** @param {Figure} arm */
+  _paintGrey(arm) {
+    arm.bodies.forEach((body, i) => {
+      if (body) body.material = this._grey[i] ? this._lostMaterial : this._isMarked(i) ? this._markedMaterial : body.userData.own;
     });
-    for (const [shade, , i] of this._arm.shades) shade.visible = !this._grey?.[i];
-    this._tipAxes.visible = Boolean(this._tipWanted && !(this._ownTip && this._grey?.[this.geometry.tip]));
+    for (const [shade, , i] of arm.shades) shade.visible = !this._grey[i];
+    this._tipAxes.visible = this._tipWanted && !(this._ownTip && this._grey[this.geometry.tip]);
   }
 
+  /** @param {string | null} name */
   setHighlight(name) {
-    if (!this.available || this._marked === name) return;
+    if (!this._arm || this._marked === name) return;
     this._marked = name;
-    this._paintGrey();
+    this._paintGrey(this._arm);
     this._change();
   }
 
+  /** @param {number} i */
   _isMarked(i) {
     const link = this.geometry.links[i];
     if (this._marked === "") return !this._moves[i];
     return Boolean(this._marked && link.axis && this._names[link.joint] === this._marked);
   }
 
+  /** @param {Joints | null} joints */
   setGhost(joints) {
-    if (!this.available) return;
-    if (joints === null) {
-      if (this._ghost.root.visible) this._change();
-      this._ghost.root.visible = false;
-      return;
-    }
-    const shown = this._ghost.root.visible;
-    this._ghost.root.visible = true;
-    if (this._place(this._ghost, joints) || !shown) this._change();
+    const ghost = this._ghost;
+    if (!ghost) return;
+    const shown = ghost.root.visible;
+    ghost.root.visible = joints !== null;
+    if ((joints && this._place(ghost, joints)) || shown !== ghost.root.visible) this._change();
   }
 
+  /** @param {TipPose | "own" | null} pose */
   setTip(pose) {
     if (!this.available) return;
     this._ownTip = pose === "own";
     this._tipWanted = pose !== null;
-    this._tipAxes.visible = this._tipWanted && !(this._ownTip && this._grey?.[this.geometry.tip]);
-    if (this._ownTip) this._followTip();
+    this._tipAxes.visible = this._tipWanted && !(this._ownTip && this._grey[this.geometry.tip]);
+    if (pose === "own") this._followTip();
     else if (pose) this._putTip(pose);
     this._change();
   }
 
+  /** @param {number | null} height */
   setTable(height) {
     if (!this.available) return;
     this._table = height;
@@ -162,9 +221,10 @@ export class Arm3D {
     this._change();
   }
 
+  /** @param {number[][] | Float32Array | null} points */
   trace(points) {
     if (!this.available) return;
-    const flat = points === null ? [] : (points.flat?.() ?? points);
+    const flat = points instanceof Float32Array ? points : (points ?? []).flat();
     this._trace.geometry.dispose();
     this._trace.geometry = thread(three.THREE, flat, 0.0022 * this.geometry.reach);
     this._trace.visible = flat.length > 3;
@@ -175,8 +235,9 @@ export class Arm3D {
     return Boolean(this._frame || this._later || this._still);
   }
 
+  /** @returns {{ position: number[], quaternion: number[] } | null} */
   tip() {
-    if (!this.available) return null;
+    if (!this._arm) return null;
     const THREE = three.THREE;
     const position = new THREE.Vector3(), quaternion = new THREE.Quaternion(), scale = new THREE.Vector3();
     this._arm.root.updateMatrixWorld();
@@ -184,6 +245,7 @@ export class Arm3D {
     return { position: position.toArray(), quaternion: quaternion.toArray() };
   }
 
+  /** @param {Theme | "auto"} theme */
   setTheme(theme) {
     if (!this.available) return;
     this._wanted = theme;
@@ -198,9 +260,10 @@ export class Arm3D {
   }
 
   resetView(name = "home") {
-    if (!this.available) return;
-    if (name === "tip") {
-      this.lookAt(this.tip().position, 0.55 * this.geometry.reach);
+    if (!this._arm) return;
+    const tip = name === "tip" ? this.tip() : null;
+    if (tip) {
+      this.lookAt(tip.position, 0.55 * this.geometry.reach);
       return;
     }
     const { reach, heading } = this.geometry, up = new three.THREE.Vector3(0, 0, 1);
@@ -219,6 +282,10 @@ export class Arm3D {
     this._change();
   }
 
+  /**
+   * @param {number[]} place
+   * @param {number | null} far
+   */
   lookAt(place, far = null) {
     if (!this.available) return;
     const { target } = this._controls, way = this._camera.position.clone().sub(target);
@@ -229,9 +296,13 @@ export class Arm3D {
     this._change();
   }
 
-  /** Look at the joint that moves what is under the pointer. */
+  /**
+   * Look at the joint that moves what is under the pointer.
+   * @param {MouseEvent} event
+   */
   _choose(event) {
-    const THREE = three.THREE, box = this._canvas.getBoundingClientRect(), ray = new THREE.Raycaster();
+    if (!this._arm) return;
+    const THREE = three.THREE, box = this._renderer.domElement.getBoundingClientRect(), ray = new THREE.Raycaster();
     const x = ((event.clientX - box.left) / box.width) * 2 - 1, y = 1 - ((event.clientY - box.top) / box.height) * 2;
     ray.setFromCamera(new THREE.Vector2(x, y), this._camera);
     const [hit] = ray.intersectObjects(this._arm.bodies.filter(Boolean), false);
@@ -258,6 +329,7 @@ export class Arm3D {
   dispose() {
     if (!this.available) return;
     this.available = false;
+    this._arm = this._ghost = undefined;
     cancelAnimationFrame(this._frame);
     clearTimeout(this._later);
     clearTimeout(this._still);
@@ -265,7 +337,7 @@ export class Arm3D {
     this._controls.dispose();
     this._clear(this._scene);
     this._renderer.dispose();
-    this._canvas.remove();
+    this._renderer.domElement.remove();
     this._legend.remove();
     this._plain.remove();
   }
@@ -285,7 +357,10 @@ export class Arm3D {
     this.resetView();
   }
 
-  /** One line says which links are plain, and why. */
+  /**
+   * One line says which links are plain, and why.
+   * @param {string[]} faults
+   */
   _sayPlain(faults) {
     this._plain.textContent = `Drawn plainly: ${faults[0]}${faults.length > 1 ? `, and ${faults.length - 1} more` : ""}`;
     this._plain.title = faults.join("\n");
@@ -294,17 +369,19 @@ export class Arm3D {
 
   // -- scene -----------------------------------------------------------------------------------------------------
 
+  /** @param {Three} THREE */
   _prepare(THREE) {
-    const canvas = (this._canvas = this._renderer.domElement);
+    /** @type {HTMLCanvasElement} */
+    const canvas = this._renderer.domElement;
     Object.assign(canvas.style, { width: "100%", height: "100%", display: "block" });
     canvas.tabIndex = 0;
     canvas.setAttribute("role", "application");
     canvas.setAttribute("aria-label", this.options.label ?? LABEL);
-    this._legend = document.createElement("p");
-    this._legend.setAttribute("role", "status");
-    this._legend.hidden = true;
-    Object.assign(this._legend.style, { position: "absolute", left: "12px", bottom: "8px", margin: "0", fontSize: "12px", pointerEvents: "none" });
-    this._plain = /** @type {HTMLElement} */ (this._legend.cloneNode());
+    for (const line of [this._legend, this._plain]) {
+      line.setAttribute("role", "status");
+      line.hidden = true;
+      Object.assign(line.style, { position: "absolute", left: "12px", bottom: "8px", margin: "0", fontSize: "12px", pointerEvents: "none" });
+    }
     Object.assign(this._plain.style, { bottom: "26px", right: "12px" });
     this.element.append(canvas, this._legend, this._plain);
     this._scene = new THREE.Scene();
@@ -330,17 +407,19 @@ export class Arm3D {
     this._lamp.position.set(-0.3, 0.25, 1);
     this._camera.add(this._lamp);
     this._scene.add(this._camera, this._sky, this._key, this._back, this._floor, this._trace, this._tipAxes);
-    this._stops = [];
     this._listen(canvas);
   }
 
+  /** @param {HTMLCanvasElement} canvas */
   _listen(canvas) {
+    /** @type {<E extends Event>(target: EventTarget, name: string, act: (event: E) => void) => void} */
     const on = (target, name, act) => {
-      target.addEventListener(name, act);
-      this._stops.push(() => target.removeEventListener(name, act));
+      const listener = /** @type {EventListener} */ (act);
+      target.addEventListener(name, listener);
+      this._stops.push(() => target.removeEventListener(name, listener));
     };
-    on(canvas, "keydown", (event) => this._key_down(event));
-    on(canvas, "dblclick", (event) => this._choose(event));
+    on(canvas, "keydown", (/** @type {KeyboardEvent} */ event) => this._key_down(event));
+    on(canvas, "dblclick", (/** @type {MouseEvent} */ event) => this._choose(event));
     // The wheel scrolls the page until somebody has chosen the view.
     on(canvas, "focus", () => (this._controls.enableZoom = true));
     on(canvas, "blur", () => (this._controls.enableZoom = false));
@@ -362,10 +441,10 @@ export class Arm3D {
   }
 
   _dress() {
-    const THREE = three.THREE, look = LOOKS[this.theme], before = [this._arm, this._ghost];
+    const THREE = three.THREE, dark = this.theme === "dark", theme = dark ? "dark" : "light", look = LOOKS[theme], before = [this._arm, this._ghost];
     this.element.style.background = `linear-gradient(${look.sky}, ${look.ground})`;
     this._sky.color.set("#ffffff");
-    this._sky.groundColor.set(this.theme === "dark" ? "#5c6672" : "#aeb6c0");
+    this._sky.groundColor.set(dark ? "#5c6672" : "#aeb6c0");
     this._sky.intensity = look.fill;
     this._key.intensity = look.key;
     this._back.intensity = 0.4 * look.key;
@@ -376,27 +455,37 @@ export class Arm3D {
     this._shadeMaterial = new THREE.MeshBasicMaterial({ color: look.shadow });
     this._markedMaterial = new THREE.MeshPhongMaterial({ color: look.trace, emissive: look.trace, emissiveIntensity: 0.3 });
     this._lostMaterial = new THREE.MeshLambertMaterial({ color: look.lost, transparent: true, opacity: 0.5 });
-    this._arm = this._assemble(solid, true);
-    this._arm.lost = before[0]?.lost;
-    this._paintGrey();
+    const arm = (this._arm = this._assemble(solid, theme, true));
+    arm.lost = before[0]?.lost;
+    this._paintGrey(arm);
     // Behind the arm where both are at the same place.
     const behind = { polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 8 };
     const veil = new THREE.MeshLambertMaterial({ color: look.ghost, transparent: true, opacity: 0.42, ...behind });
     this._depthMaterial = new THREE.MeshBasicMaterial({ colorWrite: false, ...behind });
-    this._ghost = this._assemble(veil, false);
-    this._ghost.root.visible = Boolean(before[1]?.root.visible);
-    this._scene.add(this._arm.root, this._ghost.root);
-    if (before[0]?.joints) this._place(this._arm, before[0].joints);
-    if (before[1]?.joints) this._place(this._ghost, before[1].joints);
-    this._lay();
+    const ghost = (this._ghost = this._assemble(veil, theme, false));
+    ghost.root.visible = Boolean(before[1]?.root.visible);
+    this._scene.add(arm.root, ghost.root);
+    if (before[0]?.joints) this._place(arm, before[0].joints);
+    if (before[1]?.joints) this._place(ghost, before[1].joints);
+    this._lay(look);
     this._shade();
   }
 
-  /** One mesh for each link, with colours in its corners; `solid` adds the shadows on the table. */
-  _assemble(material, solid) {
-    const THREE = three.THREE, root = new THREE.Group(), frames = [], shades = [], moves = [], bodies = [];
-    const palette = this.options.palette?.[this.theme] ?? this.geometry.palette[this.theme];
-    const colours = this.geometry.colours[this.theme];
+  /**
+   * One mesh for each link, with colours in its corners; `solid` adds the shadows on the table.
+   * @param {Three} material
+   * @param {Theme} theme
+   * @param {boolean} solid
+   * @returns {Figure}
+   */
+  _assemble(material, theme, solid) {
+    const THREE = three.THREE, root = new THREE.Group();
+    /** @type {Pick<Figure, "frames" | "shades" | "bodies">} */
+    const { frames, shades, bodies } = { frames: [], shades: [], bodies: [] };
+    /** @type {boolean[]} */
+    const moves = [];
+    const palette = this.options.palette?.[theme] ?? this.geometry.palette[theme];
+    const colours = this.geometry.colours[theme];
     for (const link of this.geometry.links) {
       const frame = new THREE.Group();
       frame.position.fromArray(link.place);
@@ -410,7 +499,7 @@ export class Arm3D {
       const shapes = [...link.shapes, ...(loaded.length ? [] : (link.plain ?? []))];
       if (!(shapes.length || loaded.length) || (!solid && !moves.at(-1))) continue;
       const form = mesh(THREE, shapes, (shape) =>
-        shape.rgb ?? ("joint" in shape ? palette[shape.joint % palette.length] : colours[shape.colour]), loaded);
+        shape.rgb ?? (shape.joint === undefined ? colours[shape.colour ?? ""] : palette[shape.joint % palette.length]), loaded);
       if (!solid) {
         // Depth first, so that the inner faces of a translucent arm do not shine through.
         const depth = new THREE.Mesh(form, this._depthMaterial);
@@ -436,10 +525,13 @@ export class Arm3D {
     return { root, frames, shades, bodies, joints: null };
   }
 
+  /**
+   * @param {Figure} arm
+   * @param {Joints} joints
+   */
   _place(arm, joints) {
-    const listed = ArrayBuffer.isView(joints) || Array.isArray(joints);
     const values = this._names.map((name, i) => {
-      const value = listed ? joints[i] : joints[name];
+      const value = valueOf(joints, name, i);
       return Number.isFinite(value) ? value : (arm.joints?.[i] ?? 0);
     });
     if (arm.joints?.every((value, i) => Math.abs(value - values[i]) < 2e-5)) return false;
@@ -474,11 +566,12 @@ export class Arm3D {
     for (const [shade, frame] of this._arm.shades) shade.matrixWorld.multiplyMatrices(flat, frame.matrixWorld);
   }
 
-  _lay() {
+  /** @param {Look} look */
+  _lay(look) {
     const { THREE } = three;
     this._clear(this._floor);
     this._floor.clear();
-    this._floor.add(...floorParts(THREE, this.geometry, LOOKS[this.theme]));
+    this._floor.add(...floorParts(THREE, this.geometry, look));
     this._floor.position.z = this._table ?? 0;
   }
 
@@ -487,13 +580,15 @@ export class Arm3D {
     if (tip) this._putTip(tip);
   }
 
+  /** @param {TipPose} pose */
   _putTip({ position, quaternion }) {
     this._tipAxes.position.fromArray(position);
     if (quaternion) this._tipAxes.quaternion.fromArray(quaternion);
   }
 
+  /** @param {Three} group */
   _clear(group) {
-    group.traverse((part) => {
+    group.traverse((/** @type {Three} */ part) => {
       part.geometry?.dispose();
       part.material?.map?.dispose();
       part.material?.dispose();
@@ -539,8 +634,10 @@ export class Arm3D {
     }, STILL);
   }
 
+  /** @param {KeyboardEvent} event */
   _key_down(event) {
     if (event.ctrlKey || event.altKey || event.metaKey) return;
+    /** @type {Record<string, number[]>} */
     const ways = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
     const way = ways[event.key];
     if (way) this._step(way[0], way[1], event.shiftKey);
@@ -551,6 +648,11 @@ export class Arm3D {
     event.preventDefault();
   }
 
+  /**
+   * @param {number} x
+   * @param {number} y
+   * @param {boolean} moves
+   */
   _step(x, y, moves) {
     const THREE = three.THREE, target = this._controls.target;
     const arm = this._camera.position.clone().sub(target);
@@ -572,6 +674,7 @@ export class Arm3D {
     this._change();
   }
 
+  /** @param {number} by */
   _zoom(by) {
     const target = this._controls.target, arm = this._camera.position.clone().sub(target);
     arm.clampLength(this._controls.minDistance, this._controls.maxDistance).multiplyScalar(by);
@@ -580,6 +683,7 @@ export class Arm3D {
     this._change();
   }
 
+  /** @param {string} words */
   _say(words) {
     this._note?.remove();
     this._note = document.createElement("p");
@@ -591,11 +695,19 @@ export class Arm3D {
   }
 }
 
+/** @type {(joints: Joints, name: string, i: number) => number} */
+const valueOf = (joints, name, i) => (Array.isArray(joints) || joints instanceof Float32Array || joints instanceof Float64Array ? joints[i] : joints[name]);
+
+/**
+ * @param {boolean} antialias
+ * @returns {WebGL2RenderingContext | null}
+ */
 function contextOf(antialias) {
   const wishes = { antialias, alpha: true, powerPreference: "low-power" };
-  return document.createElement("canvas").getContext("webgl2", wishes);
+  return /** @type {WebGL2RenderingContext | null} */ (document.createElement("canvas").getContext("webgl2", wishes));
 }
 
+/** @param {WebGL2RenderingContext} context */
 function isSoftware(context) {
   const info = context.getExtension("WEBGL_debug_renderer_info");
   const name = context.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : context.RENDERER);
@@ -606,9 +718,17 @@ function isSoftware(context) {
 
 const AXES = ["#d64545", "#3f9e4d", "#3f76d6"];
 
-/** Plate, lines, numbers and axes: a line each 50 mm, a darker one each 100 mm. `look` has their colours. */
+/**
+ * Plate, lines, numbers and axes: a line each 50 mm, a darker one each 100 mm. `look` has their colours.
+ * @param {Three} THREE
+ * @param {Geometry} geometry
+ * @param {Look} look
+ * @returns {Three[]}
+ */
 function floorParts(THREE, geometry, look) {
-  const half = Math.max(2, Math.ceil((geometry.reach * 1.05) / 0.1)) * 0.1, lines = { minor: [], major: [] };
+  const half = Math.max(2, Math.ceil((geometry.reach * 1.05) / 0.1)) * 0.1;
+  /** @type {Record<"minor" | "major", number[]>} */
+  const lines = { minor: [], major: [] };
   for (let i = -Math.round(half / 0.05); i <= Math.round(half / 0.05); i++) {
     const at = 0.05 * i, row = i % 2 ? lines.minor : lines.major;
     row.push(at, -half, 0, at, half, 0, -half, at, 0, half, at, 0);
@@ -618,8 +738,8 @@ function floorParts(THREE, geometry, look) {
   plate.position.z = -0.0006;
   plate.renderOrder = -3;
   const parts = [plate];
-  for (const [name, row] of Object.entries(lines)) {
-    const form = buffered(THREE, { position: row });
+  for (const name of /** @type {const} */ (["minor", "major"])) {
+    const form = buffered(THREE, { position: lines[name] });
     const ink = new THREE.LineBasicMaterial({ color: look[name], depthWrite: false });
     const line = new THREE.LineSegments(form, ink);
     line.renderOrder = -2;
@@ -630,7 +750,12 @@ function floorParts(THREE, geometry, look) {
   return [...parts, ...numbers(THREE, geometry, look.text), axes];
 }
 
-/** x, y and z in red, green and blue. */
+/**
+ * x, y and z in red, green and blue.
+ * @param {Three} THREE
+ * @param {number} length
+ * @param {number} radius
+ */
 function axesOf(THREE, length, radius) {
   const axes = new THREE.Group();
   AXES.forEach((colour, i) => {
@@ -644,10 +769,19 @@ function axesOf(THREE, length, radius) {
   return axes;
 }
 
-/** Millimetres along the arm's right side, and across in front of it, near enough to be seen with the arm. */
+/**
+ * Millimetres along the arm's right side, and across in front of it, near enough to be seen with the arm.
+ * @param {Three} THREE
+ * @param {Geometry} geometry
+ * @param {string} colour
+ * @returns {Three[]}
+ */
 function numbers(THREE, { reach, heading }, colour) {
-  const ahead = Math.max(0.2, Math.floor(6 * reach) / 10), right = -0.13, found = [];
+  /** @type {Three[]} */
+  const found = [];
+  const ahead = Math.max(0.2, Math.floor(6 * reach) / 10), right = -0.13;
   const c = Math.round(Math.cos(heading)), s = Math.round(Math.sin(heading));
+  /** @type {(x: number, y: number, along: "ahead" | "across") => void} */
   const put = (x, y, along) => {
     // From the arm's view of ahead and left to the frame of its foot.
     const at = [c * x - s * y, s * x + c * y];
@@ -660,14 +794,22 @@ function numbers(THREE, { reach, heading }, colour) {
   return found;
 }
 
+/**
+ * @param {Three} THREE
+ * @param {string} words
+ * @param {number[]} place
+ * @param {string} colour
+ * @param {number} reach
+ */
 function text(THREE, words, place, colour, reach) {
   const canvas = document.createElement("canvas");
   canvas.width = 160;
   canvas.height = 48;
   const pen = canvas.getContext("2d");
-  Object.assign(pen, { font: "500 28px system-ui, sans-serif", fillStyle: colour });
-  Object.assign(pen, { textAlign: "center", textBaseline: "middle" });
-  pen.fillText(words, 80, 24);
+  if (pen) {
+    Object.assign(pen, { font: "500 28px system-ui, sans-serif", fillStyle: colour, textAlign: "center", textBaseline: "middle" });
+    pen.fillText(words, 80, 24);
+  }
   const map = new THREE.CanvasTexture(canvas);
   map.colorSpace = THREE.SRGBColorSpace;
   const sprite = new THREE.Sprite(new THREE.SpriteMaterial({ map, depthWrite: false }));
@@ -680,9 +822,17 @@ function text(THREE, words, place, colour, reach) {
 
 const CHAMFER = 0.0012;
 
-/** One geometry of all shapes of a link and of its loaded surfaces, with a colour for each corner. */
+/**
+ * One geometry of all shapes of a link and of its loaded surfaces, with a colour for each corner.
+ * @param {Three} THREE
+ * @param {Shape[]} shapes
+ * @param {(shape: Shape) => string | number[]} colourOf
+ * @param {Surface[]} loaded
+ */
 function mesh(THREE, shapes, colourOf, loaded = []) {
-  const places = [], normals = [], colours = [], tint = new THREE.Color();
+  /** @type {Record<keyof Surface, number[]>} */
+  const { position: places, normal: normals, color: colours } = { position: [], normal: [], color: [] };
+  const tint = new THREE.Color();
   for (const shape of shapes) {
     const [points, sides] = shape.kind === "box" ? bevelled(THREE, shape.size) : turned(shape);
     const turn = new THREE.Quaternion().fromArray(shape.turn), at = new THREE.Vector3().fromArray(shape.place);
@@ -696,8 +846,9 @@ function mesh(THREE, shapes, colourOf, loaded = []) {
   }
   if (!loaded.length) return buffered(THREE, { position: places, normal: normals, color: colours });
   const form = new THREE.BufferGeometry();
-  for (const [name, first] of Object.entries({ position: places, normal: normals, color: colours })) {
-    const parts = [Float32Array.from(first), ...loaded.map((surface) => surface[name])];
+  const lists = { position: places, normal: normals, color: colours };
+  for (const name of /** @type {const} */ (["position", "normal", "color"])) {
+    const parts = [Float32Array.from(lists[name]), ...loaded.map((surface) => surface[name])];
     const all = new Float32Array(parts.reduce((sum, part) => sum + part.length, 0));
     let at = 0;
     for (const part of parts) {
@@ -709,7 +860,11 @@ function mesh(THREE, shapes, colourOf, loaded = []) {
   return form;
 }
 
-/** A geometry of flat lists with three numbers for each corner. */
+/**
+ * A geometry of flat lists with three numbers for each corner.
+ * @param {Three} THREE
+ * @param {Record<string, number[]>} lists
+ */
 function buffered(THREE, lists) {
   const form = new THREE.BufferGeometry();
   for (const [name, list] of Object.entries(lists)) {
@@ -718,9 +873,16 @@ function buffered(THREE, lists) {
   return form;
 }
 
-/** A thin square rod along a line through points, in a flat list, metres: a line of one pixel is hard to see. */
+/**
+ * A thin square rod along a line through points, in a flat list, metres: a line of one pixel is hard to see.
+ * @param {Three} THREE
+ * @param {ArrayLike<number>} points
+ * @param {number} radius
+ */
 function thread(THREE, points, radius) {
-  const places = [], from = new THREE.Vector3(), to = new THREE.Vector3(), way = new THREE.Vector3();
+  /** @type {number[]} */
+  const places = [];
+  const from = new THREE.Vector3(), to = new THREE.Vector3(), way = new THREE.Vector3();
   const side = new THREE.Vector3(), other = new THREE.Vector3();
   for (let i = 0; i + 5 < points.length; i += 3) {
     from.fromArray(points, i);
@@ -746,12 +908,19 @@ function thread(THREE, points, radius) {
   return buffered(THREE, { position: places });
 }
 
-/** A box whose edges are cut off a little, so that they catch the light. */
+/**
+ * A box whose edges are cut off a little, so that they catch the light.
+ * @param {Three} THREE
+ * @param {number[]} size
+ * @returns {[number[], number[]]}
+ */
 function bevelled(THREE, size) {
   const cut = Math.min(CHAMFER, 0.2 * Math.min(...size)), half = size.map((length) => length / 2);
-  const points = [], sides = [];
+  /** @type {[number[], number[]]} */
+  const [points, sides] = [[], []];
+  /** @type {(signs: number[], axis: number) => number[]} */
   const corner = (signs, axis) => signs.map((sign, i) => sign * (i === axis ? half[i] : half[i] - cut));
-  const face = (corners) => {
+  const face = (/** @type {number[][]} */ corners) => {
     // A convex face about the origin: its normal points away from it.
     const [a, b, c] = corners.map((p) => new THREE.Vector3(...p));
     const normal = b.clone().sub(a).cross(c.clone().sub(a)).normalize();
@@ -762,6 +931,7 @@ function bevelled(THREE, size) {
       for (let n = 0; n < 3; n++) sides.push(normal.x, normal.y, normal.z);
     }
   };
+  /** @type {(axis: number, sign: number, others: number[][]) => number[]} */
   const with_ = (axis, sign, others) => {
     const signs = [0, 0, 0];
     signs[axis] = sign;
@@ -788,9 +958,15 @@ function bevelled(THREE, size) {
   return [points, sides];
 }
 
-/** A cylinder along z with its edges cut off a little, or a ball. */
+/**
+ * A cylinder along z with its edges cut off a little, or a ball.
+ * @param {Shape} shape
+ * @returns {[number[], number[]]}
+ */
 function turned({ kind, size }) {
-  const [radius, length] = size, steps = radius > 0.02 ? 40 : 24, profile = [];
+  const [radius, length] = size, steps = radius > 0.02 ? 40 : 24;
+  /** @type {number[][]} */
+  const profile = [];
   if (kind === "sphere") {
     for (let i = 0; i <= 12; i++) {
       const angle = (Math.PI * i) / 12;
@@ -801,14 +977,16 @@ function turned({ kind, size }) {
     profile.push([0, -top], [radius - cut, -top], [radius, cut - top]);
     profile.push([radius, top - cut], [radius - cut, top], [0, top]);
   }
-  const points = [], sides = [];
+  /** @type {[number[], number[]]} */
+  const [points, sides] = [[], []];
   for (let p = 0; p + 1 < profile.length; p++) {
     const [r0, z0] = profile[p], [r1, z1] = profile[p + 1], long = Math.hypot(r1 - r0, z1 - z0);
     const out = (z1 - z0) / long, up = (r0 - r1) / long;
     for (let i = 0; i < steps; i++) {
       const a = (2 * Math.PI * i) / steps, b = (2 * Math.PI * (i + 1)) / steps;
+      /** @type {(r: number, z: number, angle: number) => unknown} */
       const at = (r, z, angle) => points.push(r * Math.cos(angle), r * Math.sin(angle), z);
-      const side = (angle) => sides.push(out * Math.cos(angle), out * Math.sin(angle), up);
+      const side = (/** @type {number} */ angle) => sides.push(out * Math.cos(angle), out * Math.sin(angle), up);
       at(r0, z0, a), at(r0, z0, b), at(r1, z1, b), at(r0, z0, a), at(r1, z1, b), at(r1, z1, a);
       side(a), side(b), side(b), side(a), side(b), side(a);
     }

@@ -4,14 +4,15 @@ picture stays in the browser unless the person shares it, and those of the studi
 Owns what a tile shows, and that a camera is switched off when its tile is closed or nobody sees its page. Loaded when the button
 is first pressed. */
 
-import hexwire from "./live.js";
-import { node } from "./widgets.js";
+import hexwire, { all } from "./live.js";
+import { node, whyOf } from "./widgets.js";
 
 const MOST = 4; // tiles
 const SIZE = { width: { ideal: 640 }, height: { ideal: 480 }, frameRate: { ideal: 15, max: 30 } };
 const PERIOD = 1000 / 15; // ms between two pictures that are sent to the studio
 const MOST_WAITING = 200_000; // bytes that wait for the line; a picture more waits for the next turn
 const AGAIN = 2000; // ms until a lost connection to a camera is made again
+/** @type {Record<string, string>} */
 const WHY = {
   NotAllowedError: "the browser, or the system, does not allow this page to use a camera",
   NotFoundError: "no camera is connected to this computer",
@@ -21,8 +22,21 @@ const WHY = {
 const NO_TLS = "browsers show cameras only to pages with TLS, or on the computer of the studio: see 'hexwire studio --cert', or '--camera' for one of the studio's computer";
 const STUDIO = "studio:"; // before the name of a camera of the studio's computer
 
+/**
+ * What a tile shows, of the browser or of the studio; only the first can be shared.
+ * @typedef {{ element: HTMLElement, device: string, close: () => void, share?: (is: boolean, refused: (why: string) => void) => void }} Camera
+ * @typedef {import("./arm.js").Page} Page
+ */
+
+/** @param {unknown} error */
+const wordsOf = (error) => (error instanceof Error && WHY[error.name]) || `no camera: ${whyOf(error)}`;
+
+/**
+ * @param {Page} page
+ * @param {HTMLButtonElement} button
+ */
 export function mountCameras(page, button) {
-  const tiles = page.find("#arm-cameras");
+  const tiles = page.get("#arm-cameras");
   const add = async () => {
     button.disabled = true;
     try {
@@ -30,7 +44,7 @@ export function mountCameras(page, button) {
       if (tiles.children.length >= MOST) page.tell("why", `there are ${MOST} cameras already: close one`);
       else if (tiles.isConnected) await tile(page, tiles, there);
     } catch (error) {
-      page.tell("why", WHY[error.name] ?? `no camera: ${error.message}`);
+      page.tell("why", wordsOf(error));
     }
     button.disabled = false;
   };
@@ -38,6 +52,11 @@ export function mountCameras(page, button) {
   add();
 }
 
+/**
+ * @param {Page} page
+ * @param {HTMLElement} tiles
+ * @param {string[]} there cameras of the studio
+ */
 async function tile(page, tiles, there) {
   const choice = node("select", { "aria-label": "Camera" });
   const close = node("button", { class: "hw-button", type: "button", "aria-label": "Close this camera" }, "×");
@@ -45,6 +64,7 @@ async function tile(page, tiles, there) {
   const shared = node("input", { type: "checkbox" });
   const share = node("label", { title: "Other pages of this studio see it while they look, and a recording with cameras has it" }, shared, " share");
   const box = node("figure", { class: "arm-camera-tile" }, node("figcaption", {}, choice, share, said, close));
+  /** @type {Camera | null} */
   let camera = null;
   let turn = 0;
   const end = () => {
@@ -53,49 +73,50 @@ async function tile(page, tiles, there) {
     camera?.close();
     box.remove();
   };
-  const show = async (wanted) => {
+  const show = async (/** @type {string} */ wanted) => {
     const mine = (turn += 1);
     camera?.close();
     camera = null;
     said.textContent = "";
     share.hidden = true;
     shared.checked = false;
+    /** @type {Camera | null} */
     let made = null;
     try {
       made = wanted.startsWith(STUDIO) ? ofStudio(wanted, (text) => (said.textContent = text)) : await ofBrowser(wanted, end);
     } catch (error) {
       if (mine === turn) throw error;
     }
-    if (mine !== turn) {
+    if (mine !== turn || !made) {
       // Another one was chosen, or the tile closed, while the browser opened this one.
       made?.close();
       return;
     }
-    camera = made;
+    const { element, device: here } = (camera = made);
     share.hidden = wanted.startsWith(STUDIO) || !hexwire.operates;
-    box.dataset.device = camera.device;
+    box.dataset.device = here;
     box.querySelector(":scope > :not(figcaption)")?.remove();
-    box.prepend(camera.element);
+    box.prepend(element);
     choice.replaceChildren(
-      ...there.map((device) => option(device, device.slice(STUDIO.length), camera)),
-      ...(await devices()).map(({ deviceId, label }, i) => option(deviceId, label || `camera ${i + 1}`, camera)),
+      ...there.map((device) => option(device, device.slice(STUDIO.length), here)),
+      ...(await devices()).map(({ deviceId, label }, i) => option(deviceId, label || `camera ${i + 1}`, here)),
     );
   };
   const watch = setInterval(() => box.isConnected || end(), 1000);
   close.addEventListener("click", end);
   shared.addEventListener("change", () => {
     said.textContent = "";
-    camera.share(shared.checked, (why) => {
+    camera?.share?.(shared.checked, (why) => {
       shared.checked = false;
       said.textContent = why;
     });
   });
   choice.addEventListener("change", () => show(choice.value).catch((error) => {
     end();
-    page.tell("why", WHY[error.name] ?? `no camera: ${error.message}`);
+    page.tell("why", wordsOf(error));
   }));
   // One that no tile shows yet; any if this computer has not said which there are.
-  const shown = [...tiles.children].map(({ dataset }) => dataset.device);
+  const shown = all(tiles, ":scope > *").map(({ dataset }) => dataset.device);
   const free = [...there, ...known].find((device) => device && !shown.includes(device)) ?? "";
   try {
     await show(free);
@@ -107,12 +128,14 @@ async function tile(page, tiles, there) {
   else end();
 }
 
-function option(value, text, camera) {
-  return node("option", { value, selected: value === camera.device }, text);
+/** @type {(value: string, text: string, here: string) => HTMLOptionElement} */
+function option(value, text, here) {
+  return node("option", { value, selected: value === here }, text);
 }
 
 // -- of the browser's computer -------------------------------------------------------------------------------------
 
+/** @type {string[]} */
 let known = [];
 async function devices() {
   const found = ((await navigator.mediaDevices?.enumerateDevices()) ?? []).filter(({ kind, deviceId }) => kind === "videoinput" && deviceId);
@@ -120,6 +143,11 @@ async function devices() {
   return found;
 }
 
+/**
+ * @param {string} device
+ * @param {() => void} ended
+ * @returns {Promise<Camera>}
+ */
 async function ofBrowser(device, ended) {
   if (!navigator.mediaDevices) throw new Error(NO_TLS);
   const video = device ? { ...SIZE, deviceId: { exact: device } } : SIZE;
@@ -131,15 +159,21 @@ async function ofBrowser(device, ended) {
   track.addEventListener("ended", ended);
   // Its tile may be closed before the first picture.
   element.play().catch(() => {});
+  /** @type {{ close: () => void } | null} */
   let sharing = null;
+  /** @type {(is: boolean, refused: (why: string) => void) => void} */
   const share = (is, refused) => {
     sharing?.close();
     sharing = is ? sender(element, refused) : null;
   };
-  return { element, device: track.getSettings().deviceId ?? "", share, close: () => { share(false); track.stop(); } };
+  return { element, device: track.getSettings().deviceId ?? "", share, close: () => { sharing?.close(); track.stop(); } };
 }
 
-/** Sends pictures of a video to the studio while somebody there looks at them. */
+/**
+ * Sends pictures of a video to the studio while somebody there looks at them.
+ * @param {HTMLVideoElement} video
+ * @param {(why: string) => void} refused
+ */
 function sender(video, refused) {
   const canvas = new OffscreenCanvas(SIZE.width.ideal, SIZE.height.ideal);
   const context = canvas.getContext("2d");
@@ -147,7 +181,7 @@ function sender(video, refused) {
   const socket = new WebSocket(address(`?tab=${encodeURIComponent(hexwire.key)}`));
   const send = async () => {
     // A slow line drops pictures.
-    if (making || !video.videoWidth || socket.bufferedAmount > MOST_WAITING) return;
+    if (!context || making || !video.videoWidth || socket.bufferedAmount > MOST_WAITING) return;
     making = true;
     const scale = Math.min(canvas.width / video.videoWidth, canvas.height / video.videoHeight);
     const [width, height] = [scale * video.videoWidth, scale * video.videoHeight];
@@ -174,17 +208,25 @@ function sender(video, refused) {
   return { close: () => { over = true; socket.close(); } };
 }
 
+/** @param {string} rest */
 function address(rest) {
   return `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/camera${rest}`;
 }
 
 // -- of the studio -------------------------------------------------------------------------------------------------
 
+/**
+ * @param {string} device
+ * @param {(text: string) => void} say
+ * @returns {Camera}
+ */
 function ofStudio(device, say) {
   const name = device.slice(STUDIO.length);
   const element = node("canvas", { width: 640, height: 480, role: "img", "aria-label": `Camera ${name}` });
   const context = element.getContext("2d");
-  let socket = null, timer = 0, refused = false;
+  /** @type {WebSocket | null} */
+  let socket = null;
+  let timer = 0, refused = false;
   const open = () => {
     clearTimeout(timer);
     if (refused || socket || document.hidden) return;
@@ -199,7 +241,7 @@ function ofStudio(device, say) {
       try {
         const image = await createImageBitmap(data);
         if (element.width !== image.width || element.height !== image.height) Object.assign(element, { width: image.width, height: image.height });
-        context.drawImage(image, 0, 0);
+        context?.drawImage(image, 0, 0);
         image.close();
         say("");
       } catch {

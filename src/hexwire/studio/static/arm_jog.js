@@ -6,7 +6,7 @@ is planned and checked by the server like every motion. */
 
 import { capital, radians } from "./arm.js";
 import hexwire from "./live.js";
-import { node } from "./widgets.js";
+import { node, within } from "./widgets.js";
 
 const MOST = 20; // clicks that may wait behind a step
 const PLUS = ["q", "w", "e", "r", "t", "y"], MINUS = ["a", "s", "d", "f", "g", "h"]; // along x y z, about x y z
@@ -15,23 +15,38 @@ const DIGIT = /^Digit([1-9])$/;
 const TYPED = "input:not([type='checkbox'], [type='radio'], [type='range']), select, textarea";
 const FINE = ["arrived", "released", "ended"];
 
+/**
+ * A joint or an axis of space, and the direction.
+ * @typedef {{ joint?: string, axis?: number, turn: number }} Way
+ * @typedef {import("./arm.js").Page} Page
+ */
+
+/** @param {Page} page */
 export function mountJog(page) {
   const steps = mountSteps(page);
   mountKeys(page, steps);
 }
 
-/** The way of a button: a joint or an axis of space, and the direction. */
+/**
+ * @param {HTMLButtonElement} button
+ * @returns {Way}
+ */
 function wayOf(button) {
   const joint = button.closest("tr")?.dataset.joint, turn = Number(button.dataset.turn);
   return joint ? { joint, turn } : { axis: Number(button.dataset.axis), turn };
 }
 
-/** Clicks of the page's buttons as steps. */
+/**
+ * Clicks of the page's buttons as steps.
+ * @param {Page} page
+ */
 export function mountSteps(page) {
+  /** @type {Map<string | number, number>} */
   const waiting = new Map(); // how far, in degrees or millimetres, by joint or axis
   let clicks = 0; // that wait
   let busy = false;
 
+  /** @type {(key: string | number, far: number) => Record<string, unknown>} */
   const motion = (key, far) => {
     if (typeof key === "string") return { what: "step", joint: key, by: radians(far) };
     const along = key < 3, by = [0, 0, 0];
@@ -44,8 +59,8 @@ export function mountSteps(page) {
   };
   const go = async () => {
     busy = true;
-    while (waiting.size) {
-      const [key, far] = waiting.entries().next().value;
+    // The one that waits longest; others may come meanwhile.
+    for (const [key, far] of waiting) {
       waiting.delete(key);
       clicks = 0;
       if (Math.abs(far) < 1e-9) continue; // there and back
@@ -59,10 +74,10 @@ export function mountSteps(page) {
 
   /**
    * One step. While the one before is under way it is added to what waits, so that no click is lost.
-   * @param {{joint?: string, axis?: number, turn: number}} way
+   * @param {Way} way
    */
   function press({ joint, axis, turn }) {
-    const key = joint ?? axis;
+    const key = joint ?? axis ?? 0;
     if (clicks >= MOST) {
       page.tell("why", `${MOST} steps wait already: this one was left out`);
       return;
@@ -72,12 +87,12 @@ export function mountSteps(page) {
     if (!busy) go();
   }
 
-  for (const button of page.all(".arm-jog")) {
+  for (const button of page.all(".arm-jog", HTMLButtonElement)) {
     button.addEventListener("click", () => page.step && press(wayOf(button)));
     // A key that is held down is one click.
     button.addEventListener("keydown", (event) => page.step && event.repeat && event.preventDefault());
   }
-  for (const choice of page.all('[name="step"]')) {
+  for (const choice of page.all('[name="step"]', HTMLInputElement)) {
     choice.disabled = false;
     choice.addEventListener("change", () => {
       hexwire.release();
@@ -88,23 +103,30 @@ export function mountSteps(page) {
   return press;
 }
 
+/**
+ * @param {Page} page
+ * @param {(way: Way) => void} press
+ */
 function mountKeys(page, press) {
-  const keys = page.find("#arm-keys"), help = page.find("#arm-map");
+  const keys = page.get("#arm-keys", HTMLInputElement), help = page.get("#arm-map");
   const joints = page.args.joints.map(({ name }) => name);
+  /** @type {{ code: string } | null} */
   let held = null; // the key that holds a jog
+  /** @type {HTMLDialogElement | null} */
   let map = null;
 
+  /** @type {(event: KeyboardEvent) => Way | null} */
   const wayOfKey = ({ key, code, shiftKey }) => {
     const digit = DIGIT.exec(code);
     const joint = digit && joints[Number(digit[1]) - 1];
-    if (digit) return joint && { joint, turn: shiftKey ? -1 : 1 };
+    if (digit) return joint ? { joint, turn: shiftKey ? -1 : 1 } : null;
     if (!page.args.space) return null;
     const letter = key.toLowerCase();
     if (PLUS.includes(letter)) return { axis: PLUS.indexOf(letter), turn: 1 };
     return MINUS.includes(letter) ? { axis: MINUS.indexOf(letter), turn: -1 } : null;
   };
-  const down = (event) => {
-    if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest?.(TYPED)) return;
+  const down = (/** @type {KeyboardEvent} */ event) => {
+    if (event.ctrlKey || event.altKey || event.metaKey || within(event, TYPED)) return;
     if (event.key === "?") {
       event.preventDefault();
       toggle();
@@ -117,9 +139,10 @@ function mountKeys(page, press) {
     if (page.step) press(way);
     else hold(way, event.code);
   };
+  /** @type {(way: Way, code: string) => void} */
   const hold = (way, code) => {
     const tool = [0, 0, 0, 0, 0, 0];
-    if (!way.joint) tool[way.axis] = way.turn;
+    if (way.axis !== undefined) tool[way.axis] = way.turn;
     const jog = way.joint ? { directions: { [way.joint]: way.turn } } : { tool };
     const mine = (held = { code });
     hexwire.hold(way.joint ? "joint" : "space", { ...jog, speed: page.speed }, { element: keys }).then((why) => {
@@ -127,8 +150,10 @@ function mountKeys(page, press) {
       if (!FINE.includes(why)) page.tell("why", why);
     });
   };
-  const up = (event) => held && (event.code === held.code || event.key === "Shift") && hexwire.release();
-  for (const [name, act] of Object.entries({ keydown: down, keyup: up })) {
+  const up = (/** @type {KeyboardEvent} */ event) => held && (event.code === held.code || event.key === "Shift") && hexwire.release();
+  /** @type {["keydown" | "keyup", (event: KeyboardEvent) => unknown][]} */
+  const heard = [["keydown", down], ["keyup", up]];
+  for (const [name, act] of heard) {
     document.addEventListener(name, function once(event) {
       if (page.root.isConnected) act(event);
       else document.removeEventListener(name, once);
@@ -143,6 +168,7 @@ function mountKeys(page, press) {
       map.remove();
       return;
     }
+    /** @type {(plus: string, minus: string, what: string) => HTMLElement} */
     const row = (plus, minus, what) => node("tr", {}, node("th", { scope: "row" }, what), node("td", {}, node("kbd", {}, plus)), node("td", {}, node("kbd", {}, minus)));
     const rows = joints.slice(0, 9).map((name, i) => row(`${i + 1}`, `Shift ${i + 1}`, name));
     if (page.args.space) rows.push(...AXES.map((words, i) => row(PLUS[i].toUpperCase(), MINUS[i].toUpperCase(), capital(words))));

@@ -4,13 +4,17 @@ Owns the form, the table and the hold. Following lasts while this page is in sig
 the leader has no hand for a button. Loaded when the part is first chosen. Must not decide what may move: the server meets the
 leader slowly, checks each target, and ends it by itself. */
 
-import { capital, degrees, fixed } from "./arm.js";
+import { capital, degrees, fixed, isRefused } from "./arm.js";
 import hexwire from "./live.js";
-import { node } from "./widgets.js";
+import { node, put } from "./widgets.js";
 
 const NEAR = 1.5; // degrees at which a joint has met the leader's
 const OTHER = "other";
 
+/**
+ * @param {import("./arm.js").Page} page
+ * @param {HTMLElement} root
+ */
 export function mountLeader(page, root) {
   const joints = page.args.joints.map(({ name }) => name);
   const port = node("select", { "aria-label": "Port of the leader" });
@@ -18,9 +22,10 @@ export function mountLeader(page, root) {
   const robot = node("input", { "aria-label": "Type or file of the leader", list: "arm-leader-robots", maxlength: "200" });
   const robots = node("datalist", { id: "arm-leader-robots" });
   const mirror = node("input", { type: "checkbox" });
+  /** @type {(words: string, act: (event: Event) => unknown, more?: string) => HTMLButtonElement} */
   const button = (words, act, more = "") => node("button", { class: `hw-button ${more}`, type: "button", onclick: act }, words);
   const connect = button("Connect", choose, "arm-need");
-  const drop = button("Disconnect", () => ask("unlead"), "arm-need");
+  const drop = button("Disconnect", () => ask("arm.unlead"), "arm-need");
   const advice = node("p", { class: "arm-note" });
   const form = node("div", {},
     node("div", { class: "hw-row" }, port, address, node("label", {}, "Type or file ", robot), robots, node("label", {}, mirror, " the arms face each other"), connect),
@@ -35,22 +40,31 @@ export function mountLeader(page, root) {
   const end = button("End following", () => hexwire.release("ended"));
   const chosen = node("div", { hidden: true },
     node("div", { class: "hw-row" }, named, drop), table,
-    node("div", { class: "hw-row" }, page.args.jaws && node("label", {}, "Gripper stops at ", force, " % load"), start, end));
+    node("div", { class: "hw-row" }, ...(page.args.jaws ? [node("label", {}, "Gripper stops at ", force, " % load")] : []), start, end));
   const note = node("p", { class: "arm-note", role: "status" });
   root.append(form, chosen, note);
+  /** @type {LeaderTold["leader"]} */
   let leader = null;
+  /** @type {Calls["arm.leaders"]["answer"] | null} */
   let found = null;
+  /** @type {Promise<string> | null} */
   let following = null; // the hold
   end.hidden = true;
 
-  const say = (text, level = "") => {
+  const say = (/** @type {string} */ text, level = "") => {
     note.textContent = text;
     note.dataset.level = level;
   };
+  /**
+   * @template {keyof Calls} N
+   * @param {N} name
+   * @param {Calls[N]["args"]} values
+   */
   const ask = async (name, values = {}) => {
     const answer = await page.call(name, values);
-    if (answer?.error) say(capital(answer.error), "error");
-    return answer?.error ? null : { answer };
+    if (!isRefused(answer)) return { answer };
+    say(capital(answer.error), "error");
+    return null;
   };
 
   // -- which ------------------------------------------------------------------------------------------
@@ -64,16 +78,16 @@ export function mountLeader(page, root) {
   };
   async function look() {
     if (!hexwire.operates) return;
-    const answer = await ask("leaders");
+    const answer = await ask("arm.leaders");
     if (!answer) return;
-    found = answer.answer;
+    const there = (found = answer.answer);
     const before = port.value;
-    const rows = found.ports.map(({ device, guess, obstacle }) => [device, `${device}: ${obstacle || guess}`]);
-    if (found.emulated) rows.push([found.emulated, "emulated, on this computer"]);
+    const rows = there.ports.map(({ device, guess, obstacle }) => [device, `${device}: ${obstacle || guess}`]);
+    if (there.emulated) rows.push([there.emulated, "emulated, on this computer"]);
     rows.push([OTHER, "another address"]);
     port.replaceChildren(...rows.map(([value, words]) => node("option", { value, selected: value === before }, words)));
-    robots.replaceChildren(...found.robots.map((name) => node("option", { value: name })));
-    robot.value ||= found.robot;
+    robots.replaceChildren(...there.robots.map((name) => node("option", { value: name })));
+    robot.value ||= there.robot;
     advise();
   }
   async function choose() {
@@ -81,7 +95,7 @@ export function mountLeader(page, root) {
     say("The leader is being connected.");
     const url = port.value === OTHER ? address.value : port.value;
     // An emulated or shared arm says itself what it is.
-    if (await ask("lead", { url, robot: url.includes(":/") || url.startsWith("zenoh:") ? "" : robot.value, mirror: mirror.checked })) say("");
+    if (await ask("arm.lead", { url, robot: url.includes(":/") || url.startsWith("zenoh:") ? "" : robot.value, mirror: mirror.checked })) say("");
     connect.disabled = !page.mine;
   }
   port.addEventListener("change", advise);
@@ -104,11 +118,10 @@ export function mountLeader(page, root) {
 
   // -- what is shown ------------------------------------------------------------------------------------
 
-  const put = (element, text) => element.textContent === text || (element.textContent = text);
   function draw() {
     form.hidden = leader !== null;
     chosen.hidden = leader === null;
-    const pressed = [start, end].includes(document.activeElement);
+    const pressed = document.activeElement === start || document.activeElement === end;
     start.hidden = following !== null;
     end.hidden = following === null;
     // What was pressed is hidden now.
@@ -117,15 +130,14 @@ export function mountLeader(page, root) {
     put(named, `${leader.robot} at ${leader.url}${leader.mirror ? ", facing the arm" : ""}: ${leader.error || (leader.stopped ? "stopped" : `torque ${leader.torque || "unknown"}`)}`);
     named.dataset.level = leader.error || leader.stopped ? "error" : "";
     start.disabled = !page.mine || page.unready !== "" || leader.error !== "";
-    if (!following && !page.plan) page.ghost(leader.error ? null : led());
+    if (!following && !page.plan) page.ghost(leader.error ? null : known(leader.led));
   }
-  /** Where the arm would be led, without what is unknown. */
-  const led = () => Object.fromEntries(Object.entries(leader.led).filter(([, angle]) => angle !== null));
   page.on("draw", () => {
-    if (!leader || root.hidden) return;
     const here = page.positions();
+    if (!leader || root.hidden || !here) return;
+    const { led } = leader;
     joints.forEach((name, i) => {
-      const to = leader.led[name] ?? NaN;
+      const to = led[name] ?? NaN;
       const apart = degrees(to - here[i]);
       [degrees(to), degrees(here[i]), apart].forEach((value, k) => put(cells[i][k], fixed(value)));
       const level = Math.abs(apart) > NEAR ? "warn" : "";
@@ -147,3 +159,10 @@ export function mountLeader(page, root) {
     look();
   }
 }
+
+/**
+ * Where the arm would be led, without what is unknown.
+ * @param {Record<string, number | null>} led
+ * @returns {Record<string, number>}
+ */
+const known = (led) => Object.fromEntries(Object.entries(led).flatMap(([name, angle]) => (angle === null ? [] : [[name, angle]])));

@@ -1,8 +1,14 @@
 /* Motions to a goal of the page Move: the form Go to, poses by name, and the gripper. Asks for a preview after each
 change, shows it, and begins the motion. Owns the fields and lists; the server plans, checks and keeps. */
 
-import { branchWords, capital, degrees, fixed, radians, showPlan, tipValues } from "./arm.js";
-import { html, make } from "./widgets.js";
+import { branchWords, capital, degrees, fixed, isRefused, radians, showPlan, tipValues } from "./arm.js";
+import { all, required } from "./live.js";
+import { html, make, whyOf } from "./widgets.js";
+
+/**
+ * @typedef {import("./arm.js").Page} Page
+ * @typedef {ReturnType<Page["positions"]>} Positions
+ */
 
 const PAUSE = 150; // ms after the last change before a preview is asked for
 const FOLLOW = 400; // ms between two looks at where the arm is, until somebody has changed a value
@@ -10,13 +16,18 @@ const STILL = 0.002; // radians, more than one step of a servo: an arm that move
 const SURE = 4000; // ms in which a second press confirms
 const WHOLE = "arm-need arm-whole"; // needs all joints
 
+/** @param {Page} page */
 export function mountGoto(page) {
-  const form = page.find("#arm-goto");
-  const told = page.find("#arm-plan");
-  const unghost = page.find("#arm-unghost");
-  const field = (name) => form.elements[name];
-  const value = (name) => (field(name).value.trim() === "" ? NaN : Number(field(name).value));
-  const what = () => form.querySelector('input[name="what"]:checked').value;
+  const form = page.get("#arm-goto", HTMLFormElement);
+  const told = page.get("#arm-plan");
+  const unghost = page.get("#arm-unghost"), here = page.get("#arm-here", HTMLButtonElement);
+  const go = page.get("#arm-go", HTMLButtonElement);
+  const find = (/** @type {string} */ name) => form.elements.namedItem(name);
+  const input = (/** @type {string} */ name) => required(form, `input[name="${CSS.escape(name)}"]`, HTMLInputElement);
+  const flag = (/** @type {string} */ name) => input(name).checked;
+  const select = (/** @type {string} */ name) => required(form, `select[name="${name}"]`, HTMLSelectElement);
+  const value = (/** @type {string} */ name) => (input(name).value.trim() === "" ? NaN : Number(input(name).value));
+  const what = () => required(form, 'input[name="what"]:checked', HTMLInputElement).value;
   let timer = 0;
   let asking = false;
   let again = false;
@@ -24,44 +35,52 @@ export function mountGoto(page) {
   let changes = 0; // an answer to what was asked before the last one is not shown any more
   let followed = 0;
   let refused = false;
+  /** @type {Positions} */
   let where = null; // the arm when a preview was asked for, or when it last moved
 
   /** The motion that the form asks for; throws what is missing, in words. */
   const wanted = () => {
+    /** @type {(name: string, words: string) => number} */
     const need = (name, words) => {
       const number = value(name);
       if (!Number.isFinite(number)) throw new Error(`${words} is not a number`);
       return number;
     };
     if (what() === "joints") {
+      /** @type {Record<string, number>} */
       const goals = {};
       for (const { name } of page.args.joints) {
-        const written = field(`joint:${name}`);
+        const written = input(`joint:${name}`);
         // Values that were not touched keep all their digits.
         goals[name] = written.dataset.exact && written.value === written.dataset.shown ? Number(written.dataset.exact) : radians(need(`joint:${name}`, name));
       }
       return { what: "joints", goals };
     }
-    const aim = field("aim").value;
+    const aim = select("aim").value;
+    /** @type {Record<string, unknown>} */
     const motion = { what: "place", aim, position: ["x", "y", "z"].map((axis) => need(axis, axis) / 1000) };
-    motion.relative = field("relative").checked;
-    motion.straight = field("straight").checked;
+    motion.relative = flag("relative");
+    motion.straight = flag("straight");
     if (aim === "rpy") motion.rpy = ["roll", "pitch", "yaw"].map((name) => radians(need(name, name)));
     if (aim === "pitch") {
       motion.pitch = radians(need("pitch", "pitch"));
       motion.roll = radians(need("roll", "roll"));
     }
-    if (!motion.straight && field("branch").value) motion.branch = field("branch").value;
+    if (!motion.straight && select("branch").value) motion.branch = select("branch").value;
     return motion;
   };
 
-  /** What is refused cannot be begun, until something else is entered or the arm is where it is allowed. */
+  /**
+   * What is refused cannot be begun, until something else is entered or the arm is where it is allowed.
+   * @param {boolean} so
+   */
   const refuse = (so) => {
     refused = so;
-    page.find("#arm-go").disabled = so || !page.mine || page.unready !== "";
+    go.disabled = so || !page.mine || page.unready !== "";
   };
   page.on("need", () => refuse(refused));
 
+  /** @param {string} [words] */
   const hide = (words) => {
     page.plan = null;
     refuse(false);
@@ -73,15 +92,15 @@ export function mountGoto(page) {
     }
   };
 
-  const solutions = (branches) => {
-    const select = field("branch");
-    if (!select) return;
-    const holder = page.find("#arm-branch-field");
-    const chosen = select.value;
+  const solutions = (/** @type {Branch[]} */ branches) => {
+    const choice = find("branch");
+    if (!(choice instanceof HTMLSelectElement)) return;
+    const holder = page.get("#arm-branch-field");
+    const chosen = choice.value;
     holder.hidden = branches.filter((branch) => !branch.why).length < 2 && !chosen;
     const rows = [["", "nearest"], ...branches.map((branch) => [branch.name, branch.why ? `${branchWords(branch.name)} (outside the limits)` : branchWords(branch.name)])];
     if (chosen && !branches.some((branch) => branch.name === chosen)) rows.push([chosen, branchWords(chosen)]);
-    select.replaceChildren(...rows.map(([name, words]) => new Option(words, name, false, name === chosen)));
+    choice.replaceChildren(...rows.map(([name, words]) => new Option(words, name, false, name === chosen)));
   };
 
   const preview = async () => {
@@ -95,7 +114,7 @@ export function mountGoto(page) {
       motion = wanted();
     } catch (error) {
       hide();
-      told.textContent = error.message;
+      told.textContent = whyOf(error);
       told.dataset.level = "error";
       refuse(true);
       return;
@@ -103,7 +122,7 @@ export function mountGoto(page) {
     asking = true;
     where = page.positions();
     const asked = changes;
-    const plan = await page.call("preview", { motion: { speed: page.speed, ...motion } });
+    const plan = await page.call("arm.preview", { motion: { speed: page.speed, ...motion } });
     asking = false;
     if (again) {
       again = false;
@@ -113,12 +132,12 @@ export function mountGoto(page) {
     if (asked !== changes) return;
     page.plan = plan;
     // An error is no refusal: the studio may have been busy.
-    refuse(Boolean(plan.refusal));
+    refuse(!isRefused(plan) && plan.refusal !== "");
     showPlan(told, plan);
-    if (plan.branches) solutions(plan.branches);
-    const show = !plan.error && plan.known;
-    page.ghost(show ? plan.goal : null, show ? plan.trace : null);
-    unghost.hidden = !show;
+    if (!isRefused(plan)) solutions(plan.branches);
+    const shown = isRefused(plan) || !plan.known ? null : plan;
+    page.ghost(shown && shown.goal, shown && shown.trace);
+    unghost.hidden = !shown;
   };
   const soon = () => {
     if (page.unready) return;
@@ -128,42 +147,45 @@ export function mountGoto(page) {
 
   const arrange = () => {
     for (const part of page.all("#arm-goto [data-for]")) part.hidden = part.dataset.for !== what();
-    if (!field("aim")) return;
+    if (!find("aim")) return;
     for (const part of page.all("#arm-goto [data-aim]")) {
-      part.hidden = part.dataset.aim !== field("aim").value;
+      part.hidden = part.dataset.aim !== select("aim").value;
       for (const input of part.querySelectorAll("input")) input.disabled = part.hidden;
     }
-    if (field("straight").checked) page.find("#arm-branch-field").hidden = true;
+    if (flag("straight")) page.get("#arm-branch-field").hidden = true;
   };
 
   const take = () => {
     const positions = page.positions();
     if (!positions || page.unready) return;
     touched = false;
-    const put = (name, number, digits = 1) => {
-      if (field(name)) field(name).value = Number.isFinite(number) ? String(Number(number.toFixed(digits))) : "";
+    /** @type {(name: string, number: number) => void} */
+    const put = (name, number) => {
+      if (find(name)) input(name).value = Number.isFinite(number) ? String(Number(number.toFixed(1))) : "";
     };
     page.args.joints.forEach(({ name }, i) => {
       put(`joint:${name}`, degrees(positions[i]));
-      const input = field(`joint:${name}`);
-      input.dataset.exact = positions[i];
-      input.dataset.shown = input.value;
+      const written = input(`joint:${name}`);
+      written.dataset.exact = String(positions[i]);
+      written.dataset.shown = written.value;
     });
-    if (page.args.geometry) {
-      const tip = tipValues(page.args, positions);
-      const relative = field("relative").checked;
+    const { geometry, turns } = page.args;
+    if (geometry) {
+      const tip = tipValues({ geometry, turns }, positions);
+      const relative = flag("relative");
       for (const axis of ["x", "y", "z"]) put(axis, relative ? 0 : 1000 * tip[axis]);
       for (const name of ["roll", "pitch", "yaw"]) {
-        if (page.args.turns && name === "yaw") continue;
-        put(name, degrees(page.args.turns ? tip[`tool${name}`] : tip[name]));
+        if (turns && name === "yaw") continue;
+        put(name, degrees(turns ? tip[`tool${name}`] : tip[name]));
       }
-      field("branch").value = "";
+      select("branch").value = "";
     }
   };
   const moved = () => {
     const before = where;
     const now = page.positions();
-    const same = now.every((angle, i) => Object.is(angle, before?.[i]) || Math.abs(angle - before?.[i]) <= STILL);
+    if (!now) return false;
+    const same = now.every((angle, i) => Object.is(angle, before?.[i]) || Math.abs(angle - (before?.[i] ?? NaN)) <= STILL);
     if (!same) where = now;
     return !same;
   };
@@ -184,7 +206,7 @@ export function mountGoto(page) {
   };
 
   form.addEventListener("input", (event) => {
-    const name = event.target.name;
+    const name = event.target instanceof HTMLElement ? event.target.getAttribute("name") : null;
     if (name === "relative") {
       restart();
       return;
@@ -207,7 +229,7 @@ export function mountGoto(page) {
     try {
       motion = wanted();
     } catch (error) {
-      told.textContent = error.message;
+      told.textContent = whyOf(error);
       told.dataset.level = "error";
       return;
     }
@@ -224,7 +246,7 @@ export function mountGoto(page) {
       }
     });
   });
-  page.find("#arm-here").addEventListener("click", restart);
+  here.addEventListener("click", restart);
   unghost.addEventListener("click", () => {
     renew();
     hide("The preview is hidden.");
@@ -233,10 +255,10 @@ export function mountGoto(page) {
   page.on("facts", (facts) => {
     // What a stop had refused is looked at again when it has ended.
     if (stopped && !facts.stopped && touched) soon();
-    stopped = facts.stopped;
+    stopped = facts.stopped ?? "";
     if (page.unready === unready) return;
     unready = page.unready;
-    page.find("#arm-here").disabled = unready !== "";
+    here.disabled = unready !== "";
     restart();
   });
   page.on("speed", () => page.plan && soon());
@@ -252,17 +274,28 @@ export function mountGoto(page) {
 
 // -- poses and gripper ---------------------------------------------------------------------------------------------
 
+/** @param {Page} page */
 export function mountPoses(page) {
-  const list = page.find("#arm-poses");
-  const form = page.find("#arm-pose-form");
-  const note = page.find("#arm-pose-note");
-  const say = (text, level = "") => {
+  const list = page.get("#arm-poses");
+  const form = page.get("#arm-pose-form");
+  const called = required(form, 'input[name="name"]', HTMLInputElement);
+  const grips = form.querySelector('input[name="gripper"]');
+  const gripper = () => !(grips instanceof HTMLInputElement) || grips.checked;
+  const note = page.get("#arm-pose-note");
+  const say = (/** @type {string} */ text, level = "") => {
     note.textContent = text;
     note.dataset.level = level;
   };
+  /**
+   * @template {"arm.save_pose" | "arm.rename_pose" | "arm.remove_pose"} N
+   * @param {N} name
+   * @param {Calls[N]["args"]} values
+   * @param {string} done what is said then
+   */
   const change = async (name, values, done) => {
+    /** @type {Pose[] | Refused} */
     const answer = await page.call(name, values);
-    if (answer.error) {
+    if (isRefused(answer)) {
       say(capital(answer.error), "error");
       return false;
     }
@@ -270,27 +303,30 @@ export function mountPoses(page) {
     say(done);
     return true;
   };
-  const go = (name) => {
+  const go = (/** @type {string} */ name) => {
     page.run({ what: "pose", name }).then((why) => {
       page.ghost(null);
       if (why === "arrived") say(`At ${name}.`);
       else if (why !== "released" && why !== "ended") say(capital(why), "error");
     });
   };
-  const preview = async (name) => {
-    const plan = await page.call("preview", { motion: { what: "pose", name, speed: page.speed } });
-    const fault = plan.error || plan.refusal;
-    if (!plan.error && plan.known) page.ghost(plan.goal, plan.trace);
-    page.find("#arm-unghost").hidden = Boolean(plan.error);
-    say(fault ? capital(fault) : `${name}: ${plan.duration.toFixed(1)} s from here${plan.unready ? `; not now: ${plan.unready}` : ""}`, fault ? "error" : plan.unready ? "warn" : "");
+  const preview = async (/** @type {string} */ name) => {
+    const plan = await page.call("arm.preview", { motion: { what: "pose", name, speed: page.speed } });
+    page.get("#arm-unghost").hidden = isRefused(plan);
+    if (isRefused(plan)) return say(capital(plan.error), "error");
+    if (plan.known) page.ghost(plan.goal, plan.trace);
+    const { refusal, unready } = plan;
+    say(refusal ? capital(refusal) : `${name}: ${plan.duration.toFixed(1)} s from here${unready ? `; not now: ${unready}` : ""}`, refusal ? "error" : unready ? "warn" : "");
   };
+  /** @type {(words: string, label: string, act: (element: HTMLButtonElement) => unknown, need?: string) => HTMLButtonElement} */
   const button = (words, label, act, need = "arm-need") => {
     const element = make("button", { type: "button", className: `hw-button arm-small ${need}`, textContent: words });
     element.setAttribute("aria-label", label);
-    element.disabled = (need && !page.mine) || (need === WHOLE && page.unready !== "");
+    element.disabled = (need !== "" && !page.mine) || (need === WHOLE && page.unready !== "");
     element.addEventListener("click", () => act(element));
     return element;
   };
+  /** @type {(act: () => unknown, words: string) => (element: HTMLElement) => void} */
   const twice = (act, words) => (element) => {
     if (element.dataset.sure) {
       act();
@@ -305,27 +341,29 @@ export function mountPoses(page) {
       element.textContent = before;
     }, SURE);
   };
+  /** @type {(row: HTMLElement, name: string) => void} */
   const rename = (row, name) => {
     const input = make("input", { type: "text", value: name, maxLength: 40 });
     input.setAttribute("aria-label", `New name of ${name}`);
+    /** @type {HTMLFormElement} */
     const entry = make("form", { className: "hw-row" }, input, button("Keep", `Keep the new name of ${name}`, () => entry.requestSubmit()), button("Cancel", `Do not rename ${name}`, () => refresh(), ""));
     entry.addEventListener("submit", (event) => {
       event.preventDefault();
-      change("rename_pose", { name, new: input.value }, "Renamed.");
+      change("arm.rename_pose", { name, new: input.value }, "Renamed.");
     });
     row.replaceChildren(entry);
     input.focus();
     input.select();
   };
-  const show = (poses) => {
+  const show = (/** @type {Pose[]} */ poses) => {
     const rows = poses.map(({ name, saved }) => {
       const row = make("li", {}, make("span", { className: "arm-pose-name", textContent: name, title: name }));
       row.append(button("Go", `Go to ${name}`, () => go(name), WHOLE), button("Show", `Preview ${name}`, () => preview(name), ""));
       if (saved) {
         row.append(
-          button("Replace", `Replace ${name} by the present pose`, twice(() => change("save_pose", { name, force: true, gripper: form.elements.gripper ? form.elements.gripper.checked : true }, `${name} is the present pose now.`), "Sure?")),
+          button("Replace", `Replace ${name} by the present pose`, twice(() => change("arm.save_pose", { name, force: true, gripper: gripper() }, `${name} is the present pose now.`), "Sure?")),
           button("Rename", `Rename ${name}`, () => rename(row, name)),
-          button("Remove", `Remove ${name}`, twice(() => change("remove_pose", { name }, `${name} is removed.`), "Sure?")),
+          button("Remove", `Remove ${name}`, twice(() => change("arm.remove_pose", { name }, `${name} is removed.`), "Sure?")),
         );
       } else {
         row.append(make("span", { className: "arm-note", textContent: name === "home" ? "the middle of every joint" : "from the settings" }));
@@ -335,39 +373,39 @@ export function mountPoses(page) {
     list.replaceChildren(...rows);
   };
   const refresh = async () => {
-    const answer = await page.call("poses");
-    if (answer.error) say(capital(answer.error), "error");
+    const answer = await page.call("arm.poses");
+    if (isRefused(answer)) say(capital(answer.error), "error");
     else show(answer);
   };
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
-    const name = form.elements.name.value;
-    const gripper = form.elements.gripper ? form.elements.gripper.checked : true;
-    if (await change("save_pose", { name, gripper }, `Saved ${name.trim()}.`)) form.elements.name.value = "";
+    const name = called.value;
+    if (await change("arm.save_pose", { name, gripper: gripper() }, `Saved ${name.trim()}.`)) called.value = "";
   });
   refresh();
 }
 
+/** @param {Page} page */
 export function mountGripper(page) {
   const form = page.find("#arm-grip");
   const jaws = page.args.jaws;
   if (!form || !jaws) return;
-  const bar = page.find("#arm-grip-bar");
-  const value = page.find("#arm-grip-value");
+  const bar = page.get("#arm-grip-bar", HTMLMeterElement);
+  const value = page.get("#arm-grip-value"), wanted = required(form, 'input[name="share"]', HTMLInputElement);
   const place = page.args.joints.findIndex((joint) => joint.name === jaws.joint);
-  const set = (share) => page.run({ what: "grip", share }).then((why) => {
+  const set = (/** @type {number} */ share) => page.run({ what: "grip", share }).then((why) => {
     if (!["arrived", "released", "ended"].includes(why)) page.tell("why", why);
   });
-  for (const button of form.querySelectorAll("[data-share]")) {
+  for (const button of all(form, "[data-share]")) {
     button.addEventListener("click", () => set(Number(button.dataset.share)));
   }
   form.addEventListener("submit", (event) => {
     event.preventDefault();
-    if (page.mine) set(Number(form.elements.share.value) / 100);
+    if (page.mine) set(Number(wanted.value) / 100);
   });
   let shown = "";
   page.on("draw", () => {
-    const share = (page.positions()[place] - jaws.closed) / (jaws.opened - jaws.closed);
+    const share = ((page.positions()?.[place] ?? NaN) - jaws.closed) / (jaws.opened - jaws.closed);
     const text = `${fixed(100 * share, 0)} % open`;
     if (text === shown) return;
     shown = text;
@@ -378,11 +416,17 @@ export function mountGripper(page) {
 
 // -- what is drawn -----------------------------------------------------------------------------------------------
 
+/** @type {(name: string, words: string, unit: string) => object} */
 const numberField = (name, words, unit) => html`<label class="arm-field"><span>${words} <span class="arm-unit">${unit}</span></span>
   <input type="number" inputmode="decimal" step="any" name="${name}"></label>`;
 
-/** The form: to a place if the arm's geometry is known (`space`, its joints without a gripper), to joint angles always. */
+/**
+ * The form: to a place if the arm's geometry is known (`space`, its joints without a gripper), to joint angles always.
+ * @param {JointRange[]} joints
+ * @param {number | null} space
+ */
 export function gotoMarkup(joints, space) {
+  /** @type {(value: string, words: string, checked: boolean) => object} */
   const kind = (value, words, checked) => html`<label><input type="radio" name="what" value="${value}" ${checked && "checked"}> ${words}</label>`;
   return html`<section class="arm-part" aria-labelledby="arm-goto-title">
   <h2 id="arm-goto-title">Go to</h2>
@@ -403,6 +447,7 @@ export function gotoMarkup(joints, space) {
 </section>`;
 }
 
+/** @param {boolean} five whether the tool has a pitch and a roll only */
 function placeMarkup(five) {
   const turns = five ? ["Pitch", "Roll"] : ["Roll", "Pitch", "Yaw"];
   return html`<div data-for="place" class="arm-form">
@@ -424,7 +469,10 @@ function placeMarkup(five) {
   </div>`;
 }
 
-/** The list of poses, and saving a new one; with the gripper where there is one. */
+/**
+ * The list of poses, and saving a new one; with the gripper where there is one.
+ * @param {unknown} gripper
+ */
 export function posesMarkup(gripper) {
   return html`<section class="arm-part" aria-labelledby="arm-poses-title">
   <h2 id="arm-poses-title">Poses</h2>

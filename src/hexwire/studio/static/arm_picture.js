@@ -9,13 +9,22 @@ const SWEEP = 80; // ms between two postures of the ghost
 const PERIOD = 4000; // ms in which it goes there and back
 
 export class Picture {
+  /** @type {string | null} */
   shown = null;
+  /** @type {Arm3D | null} */
   view = null;
+  /** @type {Geometry | null} */
   geometry = null;
+  /** @type {string | null} */
   joint = null;
   timer = 0;
+  /** @type {Record<string, number>} */
   pose = {};
 
+  /**
+   * @param {HTMLElement} place
+   * @param {HTMLElement} caption
+   */
   constructor(place, caption) {
     this.place = place;
     this.caption = caption;
@@ -28,7 +37,10 @@ export class Picture {
     }, 1000);
   }
 
-  /** Show an arm; `which` tells two of one kind apart. */
+  /**
+   * Show an arm; `which` tells two of one kind apart.
+   * @param {string} robot
+   */
   async show(robot, which = robot) {
     if (!robot || which === this.shown) return;
     this.shown = which;
@@ -46,7 +58,10 @@ export class Picture {
     this.view.lookAt([0, 0, 0.4 * geometry.reach], 2.7 * geometry.reach);
   }
 
-  /** Colour what a joint moves, the foot (""), or nothing (null); `sweeps`: a ghost shows its range. */
+  /**
+   * Colour what a joint moves, the foot (""), or nothing (null); `sweeps`: a ghost shows its range.
+   * @param {string | null} joint
+   */
   mark(joint, sweeps = false) {
     this.view?.setHighlight(joint);
     put(this.caption, joint ? `In colour: ${joint}` : joint === "" ? "In colour: the foot, where the cables are" : "");
@@ -54,47 +69,62 @@ export class Picture {
     this.joint = joint;
   }
 
-  /** The ghost goes from one end of a joint to the other and back. */
+  /**
+   * The ghost goes from one end of a joint to the other and back.
+   * @param {string | null} joint
+   */
   sweep(joint) {
     clearInterval(this.timer);
     this.timer = 0;
     const limits = this.geometry?.joints.find(({ name }) => name === joint);
-    this.view?.setGhost(null);
-    if (!limits || !this.view) return;
+    const { view } = this;
+    view?.setGhost(null);
+    if (!limits || !view) return;
     const from = performance.now();
     const step = () => {
       if (document.hidden) return;
       const share = this.still.matches ? 1 : 0.5 - 0.5 * Math.cos((2 * Math.PI * (performance.now() - from)) / PERIOD);
-      this.view.setGhost({ ...this.pose, [joint]: limits.minimum + share * (limits.maximum - limits.minimum) });
+      view.setGhost({ ...this.pose, [limits.name]: limits.minimum + share * (limits.maximum - limits.minimum) });
     };
     step();
     this.timer = setInterval(step, this.still.matches ? 1000 : SWEEP);
   }
 
-  /** Where a small step of a joint would lead, radians; null hides it. */
+  /**
+   * Where a small step of a joint would lead, radians; null hides it.
+   * @param {string | null} joint
+   */
   preview(joint, by = 0) {
     if (!this.view) return;
     if (joint !== null) this.mark(joint);
     this.view.setGhost(joint === null ? null : { ...this.pose, [joint]: (this.pose[joint] ?? 0) + by });
   }
 
-  /** The posture of an arm whose angles are known. */
+  /**
+   * The posture of an arm whose angles are known.
+   * @param {Float32Array} values
+   * @param {boolean[]} known
+   */
   joints(values, known) {
     if (!this.geometry || values.length !== this.geometry.joints.length) return;
     this.geometry.joints.forEach(({ name }, i) => (this.pose[name] = values[i]));
     this.view?.setJoints(values, known);
   }
 
-  /** While joints are measured nobody knows their angles yet: each is drawn about the middle of what was seen. */
+  /**
+   * While joints are measured nobody knows their angles yet: each is drawn about the middle of what was seen.
+   * @param {RangeRow[]} rows
+   */
   follow(rows) {
-    if (!this.view) return;
+    const { view, geometry } = this;
+    if (!view || !geometry) return;
     for (const { name, low, now, high } of rows) {
-      const limits = this.geometry.joints.find((one) => one.name === name);
+      const limits = geometry.joints.find((one) => one.name === name);
       if (!limits || now === null) continue;
-      const angle = (limits.minimum + limits.maximum) / 2 + ((now - (low + high) / 2) * Math.PI) / 180;
+      const angle = (limits.minimum + limits.maximum) / 2 + ((now - ((low ?? now) + (high ?? now)) / 2) * Math.PI) / 180;
       this.pose[name] = Math.min(limits.maximum, Math.max(limits.minimum, angle));
     }
-    this.view.setJoints(this.pose);
+    view.setJoints(this.pose);
     const next = rows.find(({ missing }) => missing);
     this.mark(next ? next.name : null, Boolean(next));
   }

@@ -5,7 +5,7 @@ Owns what is chosen and where the cursor is, which shows a ghost of the arm and 
 page holds, planned and checked by the server like every other; so it ends when the page is hidden, and STOP voids the rounds that
 are left. A recording is changed by nothing but saving, as a new one unless somebody agrees to replace it. */
 
-import { capital, showPlan } from "./arm.js";
+import { capital, isRefused, showPlan } from "./arm.js";
 import hexwire from "./live.js";
 import { fill, html, node, question } from "./widgets.js";
 
@@ -16,23 +16,30 @@ const STEP = 0.1; // seconds of an arrow key on a handle
 const LEAP = 10; // times that with shift, or page up and down
 const TICK = 70; // pixels between two times, at least
 const TICKS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 60, 120, 300, 600]; // seconds
+/** @type {Record<string, number>} */
+const KEYS = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1, PageUp: LEAP, PageDown: -LEAP };
 const LEAST = 0.02; // seconds between the handles
 const FINE = ["arrived", "released", "ended"];
 const SMOOTH = [["0", "as it is"], ["0.1", "0.1 s"], ["0.2", "0.2 s"], ["0.5", "0.5 s"], ["1", "1 s"]];
 const TAUGHT = ""; // of the source: what was taught since this arm was opened
 
-/** Teach mode, and the timeline. */
+/** @typedef {import("./arm.js").Page} Page */
+
+/**
+ * Teach mode, and the timeline.
+ * @param {Page} page
+ * @param {HTMLElement} root
+ */
 export function mountTeach(page, root) {
   fill(root, teachMarkup());
-  const find = (name) => page.find(`#arm-${name}`);
-  const hand = find("teach-hand");
-  const start = find("teach-start");
-  const stop = find("teach-stop");
-  const note = find("teach-note");
+  const hand = page.get("#arm-teach-hand", HTMLInputElement);
+  const start = page.get("#arm-teach-start", HTMLButtonElement);
+  const stop = page.get("#arm-teach-stop");
+  const note = page.get("#arm-teach-note");
   let teaching = false;
   let began = 0;
 
-  const say = (text, level = "") => {
+  const say = (/** @type {string} */ text, level = "") => {
     note.textContent = text;
     note.dataset.level = level;
   };
@@ -40,7 +47,8 @@ export function mountTeach(page, root) {
   page.on("taught", (told) => {
     if (told.teaching && !teaching) began = performance.now();
     teaching = told.teaching;
-    start.hidden = hand.parentElement.hidden = teaching;
+    start.hidden = teaching;
+    if (hand.parentElement) hand.parentElement.hidden = teaching;
     stop.hidden = !teaching;
   });
   page.on("facts", need);
@@ -51,10 +59,10 @@ export function mountTeach(page, root) {
     if (note.textContent !== words) say(words, "warn");
   });
   hand.addEventListener("change", need);
-  const teach = async (on) => {
-    const answer = await page.call("teach", { on });
+  const teach = async (/** @type {boolean} */ on) => {
+    const answer = await page.call("arm.teach", { on });
     if (!on) teaching = false;
-    if (answer.error) say(capital(answer.error), "error");
+    if (isRefused(answer)) say(capital(answer.error), "error");
     else say(capital(answer));
     if (!on) hand.checked = false;
     await page.tellTaught();
@@ -62,7 +70,7 @@ export function mountTeach(page, root) {
   };
   start.addEventListener("click", () => teach(true));
   stop.addEventListener("click", () => teach(false));
-  mountTimeline(page, find("timeline"));
+  mountTimeline(page, page.get("#arm-timeline"));
 }
 
 export function teachMarkup() {
@@ -78,23 +86,34 @@ export function teachMarkup() {
   <div id="arm-timeline"></div>`;
 }
 
+/**
+ * @param {Page} page
+ * @param {HTMLElement} root
+ */
 function mountTimeline(page, root) {
+  /** @type {Curves | null} */
   let taught = null; // what the source is now, as smooth as it is wanted
+  /** @type {Curves | null} */
   let hand = null; // what was taught; null for nothing
   let teaching = false;
+  /** @type {string[]} */
   let names = []; // recordings
   let begin = 0;
   let end = 0;
   let cursor = 0;
   let left = 0; // rounds that are left of a paused play
+  /** @type {{ first: number, rate: number, why: string } | null} */
   let playing = null; // the round that is played
+  /** @type {number | null} */
   let fits = null; // the greatest factor that keeps the limits, of a motion that is too fast
   let loading = false; // what is chosen is not shown yet
   let refused = false; // what is refused cannot be begun, until something is changed
   let timer = 0;
   let asked = 0;
 
+  /** @type {(words: string, act: () => unknown, more?: Record<string, string | boolean>) => HTMLButtonElement} */
   const button = (words, act, more = {}) => node("button", { class: "hw-button", type: "button", onclick: act, ...more }, words);
+  /** @type {(words: string, input: HTMLElement) => HTMLElement} */
   const field = (words, input) => node("label", { class: "arm-field arm-inline" }, node("span", {}, words), input);
   const source = node("select", { id: "arm-source", "aria-label": "Motion" });
   const plot = node("canvas", { id: "arm-time-plot", "aria-hidden": "true" });
@@ -129,8 +148,8 @@ function mountTimeline(page, root) {
 
   // -- what is shown --------------------------------------------------------------------------------
 
-  const list = (told) => {
-    names = Array.isArray(told) ? told : names;
+  const list = (told = names) => {
+    names = told;
     const now = source.value;
     const rows = [...(hand ? [[TAUGHT, "what was taught"]] : []), ...names.map((one) => [one, one])];
     // Nothing is chosen by the way: a recording is read when somebody wants it.
@@ -140,14 +159,21 @@ function mountTimeline(page, root) {
     from.hidden = teaching || none;
     empty.hidden = !none;
   };
-  const motion = (first) => ({
+  const motion = (/** @type {number} */ first) => ({
     what: "play", begin: first, smooth: Number(smooth.value), factor: wantedFactor(),
-    ...(source.value === TAUGHT ? {} : { recording: source.value }), ...(end < taught.duration ? { end } : {}),
+    ...(source.value === TAUGHT ? {} : { recording: source.value }), ...(end < length() ? { end } : {}),
   });
+  /** Seconds of all of it. */
+  function length() {
+    return taught?.duration ?? 0;
+  }
   function wantedFactor() {
     return Number.isFinite(factor.valueAsNumber) ? factor.valueAsNumber : 1;
   }
-  /** Read what is chosen, as smooth as it is wanted; `anew`: all of it is played. */
+  /**
+   * Read what is chosen, as smooth as it is wanted; `anew`: all of it is played.
+   * @param {boolean} anew
+   */
   async function load(anew) {
     const mine = (asked += 1);
     if (anew) smooth.value = "0";
@@ -162,14 +188,14 @@ function mountTimeline(page, root) {
       return;
     }
     const wanted = { what: "play", smooth: Number(smooth.value), ...(source.value === TAUGHT ? {} : { recording: source.value }) };
-    const told = await page.call("timeline", { motion: wanted });
+    const told = await page.call("arm.timeline", { motion: wanted });
     if (mine !== asked) return;
     loading = false;
     // What cannot be smoothed so stays as it was.
-    if (!told.error) taught = told;
+    if (!isRefused(told)) taught = told;
     else if (anew) taught = null;
-    failed.hidden = !told.error;
-    failed.textContent = told.error ? `${capital(told.error)}.` : "";
+    failed.hidden = !isRefused(told);
+    failed.textContent = isRefused(told) ? `${capital(told.error)}.` : "";
     if (taught && anew) {
       [begin, end, cursor, left] = [0, taught.duration, 0, 0];
       kept.textContent = "";
@@ -179,10 +205,10 @@ function mountTimeline(page, root) {
   }
   function show() {
     box.hidden = !taught || teaching;
-    if (box.hidden) return;
+    if (!taught || teaching) return;
     end = Math.min(end, taught.duration);
-    time.max = taught.duration;
-    time.step = Math.max(0.001, taught.duration / 500);
+    time.max = String(taught.duration);
+    time.step = String(Math.max(0.001, taught.duration / 500));
     mark(Math.min(cursor, taught.duration));
     bounds();
     legend.replaceChildren(...taught.names.map((joint) => {
@@ -192,26 +218,28 @@ function mountTimeline(page, root) {
     }));
     draw();
   }
-  const colour = (joint) => `--joint-${(page.args.joints.findIndex((one) => one.name === joint) % 8) + 1}`;
-  const share = (at) => (taught.duration > 0 ? at / taught.duration : 0);
+  const colour = (/** @type {string} */ joint) => `--joint-${(page.args.joints.findIndex((one) => one.name === joint) % 8) + 1}`;
+  const share = (/** @type {number} */ at) => (length() > 0 ? at / length() : 0);
   function bounds() {
     off[0].style.width = `${100 * share(begin)}%`;
     off[1].style.width = `${100 * (1 - share(end))}%`;
     for (const [i, at] of [begin, end].entries()) {
       handles[i].style.left = `${100 * share(at)}%`;
-      const attributes = { valuemin: 0, valuemax: taught.duration.toFixed(2), valuenow: at.toFixed(2), valuetext: `${at.toFixed(1)} seconds` };
+      const attributes = { valuemin: "0", valuemax: length().toFixed(2), valuenow: at.toFixed(2), valuetext: `${at.toFixed(1)} seconds` };
       for (const [key, text] of Object.entries(attributes)) handles[i].setAttribute(`aria-${key}`, text);
     }
-    part.textContent = begin > 0 || end < taught.duration ? `plays ${begin.toFixed(1)} to ${end.toFixed(1)} s` : "";
+    part.textContent = begin > 0 || end < length() ? `plays ${begin.toFixed(1)} to ${end.toFixed(1)} s` : "";
   }
+  /** @param {number} at */
   function mark(at) {
     cursor = at;
-    time.value = at;
-    value.textContent = `${at.toFixed(1)} of ${taught.duration.toFixed(1)} s`;
+    time.value = String(at);
+    value.textContent = `${at.toFixed(1)} of ${length().toFixed(1)} s`;
     time.setAttribute("aria-valuetext", `${at.toFixed(1)} seconds`);
-    curves.style.setProperty("--time", share(at));
+    curves.style.setProperty("--time", String(share(at)));
   }
   function ghost() {
+    if (!taught) return;
     const { times, rows, names: joints } = taught;
     let k = times.findIndex((t) => t >= cursor);
     if (k < 0) k = times.length - 1;
@@ -220,7 +248,7 @@ function mountTimeline(page, root) {
     const positions = page.positions();
     const here = positions ? Object.fromEntries(page.args.joints.map((joint, i) => [joint.name, positions[i]])) : {};
     page.ghost({ ...here, ...Object.fromEntries(joints.map((joint, i) => [joint, a[i] + between * (b[i] - a[i])])) });
-    page.find("#arm-unghost").hidden = false;
+    page.get("#arm-unghost").hidden = false;
   }
   function draw() {
     const ratio = window.devicePixelRatio || 1;
@@ -229,9 +257,11 @@ function mountTimeline(page, root) {
     plot.width = width * ratio;
     plot.height = height * ratio;
     const pen = plot.getContext("2d");
+    if (!pen) return;
     pen.scale(ratio, ratio);
     pen.lineWidth = 1.5;
     const style = getComputedStyle(document.documentElement);
+    /** @type {(x: number, from: number, to: number) => void} */
     const line = (x, from, to) => {
       pen.beginPath();
       pen.moveTo(x, from);
@@ -239,26 +269,27 @@ function mountTimeline(page, root) {
       pen.stroke();
     };
     const [grid, words] = ["--hw-line", "--hw-dim"].map((one) => getComputedStyle(plot).getPropertyValue(one).trim());
-    const tick = TICKS.find((step) => taught.duration / step <= width / TICK) ?? TICKS.at(-1);
+    const all = taught.duration, tick = TICKS.find((step) => all / step <= width / TICK) ?? TICKS[TICKS.length - 1];
     [pen.strokeStyle, pen.fillStyle, pen.font] = [grid, words, "11px system-ui, sans-serif"];
-    for (let t = tick; t < taught.duration; t += tick) {
+    for (let t = tick; t < all; t += tick) {
       line(share(t) * width, 0, height);
       pen.fillText(`${Number(t.toFixed(1))} s`, share(t) * width + 3, height - 3);
     }
     // Each joint from where it began, so that a small motion is seen beside a far posture.
-    const first = taught.rows[0];
+    const { times, rows } = taught, first = rows[0];
     let [low, high] = [-0.05, 0.05];
-    for (const row of taught.rows) {
+    for (const row of rows) {
       for (const [i, angle] of row.entries()) [low, high] = [Math.min(low, angle - first[i]), Math.max(high, angle - first[i])];
     }
-    const y = (angle) => height - PAD - ((angle - low) / (high - low)) * (height - 2 * PAD);
+    const y = (/** @type {number} */ angle) => height - PAD - ((angle - low) / (high - low)) * (height - 2 * PAD);
     taught.names.forEach((joint, i) => {
       pen.strokeStyle = style.getPropertyValue(colour(joint)).trim() || "#888";
       pen.beginPath();
-      taught.times.forEach((t, k) => pen[k ? "lineTo" : "moveTo"](share(t) * width, y(taught.rows[k][i] - first[i])));
+      times.forEach((t, k) => pen[k ? "lineTo" : "moveTo"](share(t) * width, y(rows[k][i] - first[i])));
       pen.stroke();
     });
   }
+  /** @param {string} text */
   function say(text, level = "") {
     plan.textContent = text;
     plan.dataset.level = level;
@@ -266,10 +297,15 @@ function mountTimeline(page, root) {
 
   // -- what is changed ------------------------------------------------------------------------------
 
-  /** A handle of the part that is played; `put` keeps it on its side of the other one. */
+  /**
+   * A handle of the part that is played; `put` keeps it on its side of the other one.
+   * @param {string} words
+   * @param {() => number} at
+   * @param {(time: number) => void} put
+   */
   function handle(words, at, put) {
     const made = node("div", { class: "arm-time-handle", role: "slider", tabindex: 0, "aria-label": words, "aria-orientation": "horizontal" });
-    const move = (to) => {
+    const move = (/** @type {number} */ to) => {
       if (playing || !taught) return;
       put(Math.min(taught.duration, Math.max(0, to)));
       left = 0;
@@ -279,10 +315,10 @@ function mountTimeline(page, root) {
       soon();
     };
     made.addEventListener("keydown", (event) => {
-      const way = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1, PageUp: LEAP, PageDown: -LEAP }[event.key];
+      const way = KEYS[event.key];
       if (way) move(at() + way * STEP * (event.shiftKey ? LEAP : 1));
       else if (event.key === "Home") move(0);
-      else if (event.key === "End") move(taught.duration);
+      else if (event.key === "End") move(length());
       else return;
       event.preventDefault();
     });
@@ -290,7 +326,7 @@ function mountTimeline(page, root) {
     made.addEventListener("pointermove", (event) => {
       if (!made.hasPointerCapture(event.pointerId)) return;
       const { left: edge, width } = curves.getBoundingClientRect();
-      move(((event.clientX - edge) / width) * taught.duration);
+      move(((event.clientX - edge) / width) * length());
     });
     return made;
   }
@@ -308,23 +344,24 @@ function mountTimeline(page, root) {
   source.addEventListener("pointerdown", () => refresh());
   page.on("speed", () => taught && soon());
   async function refresh() {
-    const told = await page.call("recordings");
+    const told = await page.call("arm.recordings");
     // A list that changes while it is open would close.
-    if (root.isConnected && !told.error && String(told) !== String(names)) list(told);
+    if (root.isConnected && !isRefused(told) && String(told) !== String(names)) list(told);
   }
 
   async function preview() {
     timer = 0;
     if (!taught || playing || !root.isConnected) return;
     const mine = asked;
-    const told = await page.call("preview", { motion: { ...motion(where()), speed: page.speed } });
+    const told = await page.call("arm.preview", { motion: { ...motion(where()), speed: page.speed } });
     if (mine !== asked || playing || !taught) return;
     showPlan(plan, told);
     // What cannot be previewed would not be played either; but an error may pass, as that of a busy studio.
-    refused = Boolean(told.refusal || told.error);
-    if (told.error) timer = setTimeout(preview, AGAIN);
-    offer(told.fits ?? null);
+    refused = isRefused(told) || told.refusal !== "";
+    if (isRefused(told)) timer = setTimeout(preview, AGAIN);
+    offer(isRefused(told) ? null : told.fits);
   }
+  /** @param {number | null} found */
   function offer(found) {
     fits = found;
     need();
@@ -349,6 +386,7 @@ function mountTimeline(page, root) {
   function where() {
     return cursor >= begin && cursor < end - LEAST ? cursor : begin;
   }
+  /** @param {number | null} at its factor; what is entered if null */
   async function play(at = null) {
     if (playing || !taught || !page.mine) return;
     if (at !== null) factor.value = String(at);
@@ -378,6 +416,7 @@ function mountTimeline(page, root) {
       say("Played.");
     } else say(capital(why), FINE.includes(why) ? "" : "error");
   }
+  /** @param {string} why */
   function halt(why) {
     if (!playing) return;
     playing.why = why;
@@ -391,7 +430,7 @@ function mountTimeline(page, root) {
   }
   function lock() {
     const busy = playing !== null;
-    const pressed = [start, pause, slower].includes(document.activeElement);
+    const pressed = [start, pause, slower].some((one) => one === document.activeElement);
     start.hidden = busy;
     pause.hidden = !busy;
     stop.textContent = busy ? "Stop" : "Rewind";
@@ -414,10 +453,10 @@ function mountTimeline(page, root) {
     const there = names.includes(file);
     const own = file === source.value ? "It is the one that you see here; what is cut off or smoothed is lost." : "";
     if (there && !(await question(`Replace ${file}?`, `A recording of this name exists.\n${own}`, "Replace it"))) return;
-    const told = await page.call("save_taught", { name: name.value.trim(), motion: motion(begin), force: there });
-    kept.dataset.level = told.error ? "error" : "";
-    kept.textContent = told.error ? capital(told.error) : `Saved ${file}: on the page Recordings, for programs and hexwire play.`;
-    if (told.error) return;
+    const told = await page.call("arm.save_taught", { name: name.value.trim(), motion: motion(begin), force: there });
+    kept.dataset.level = isRefused(told) ? "error" : "";
+    kept.textContent = isRefused(told) ? capital(told.error) : `Saved ${file}: on the page Recordings, for programs and hexwire play.`;
+    if (isRefused(told)) return;
     list(told);
     if (there && file === source.value) load(true);
   });

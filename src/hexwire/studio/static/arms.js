@@ -1,13 +1,17 @@
 // The page Arms: the stop of all arms, what is plugged in, what it probably is, and opening it; below, all arms. Owns its
 // tables and the form; the server finds the ports, and opens them.
 
-import hexwire from "./live.js";
+import hexwire, { required } from "./live.js";
 import { mountFleet } from "./fleet.js";
 import { go } from "./studio.js";
-import { fill, html, loadSheet } from "./widgets.js";
+import { fill, html, loadSheet, whyOf, within } from "./widgets.js";
 
 const LOOK = 2000; // ms between two looks at the ports
 
+/**
+ * @param {HTMLElement} element
+ * @param {Visitor} visitor
+ */
 export async function mount(element, { operates }) {
   await loadSheet("/static/arms.css");
   if (!element.isConnected) return;
@@ -24,9 +28,9 @@ export async function mount(element, { operates }) {
     </form>
     <p class="hw-dim" id="hw-warning"></p>
     <section class="hw-fleet" aria-labelledby="hw-shared"><h2 id="hw-shared">All arms, here and shared</h2><div></div></section>`);
-  mountFleet(element.querySelector(".hw-fleet-bar"), element.querySelector(".hw-fleet > div"), { tab: hexwire.key, operates });
-  const find = (selector) => element.querySelector(selector);
-  const present = find(".hw-present"), ports = find("#hw-ports"), form = find("form");
+  mountFleet(required(element, ".hw-fleet-bar"), required(element, ".hw-fleet > div"), { tab: hexwire.key, operates });
+  const present = required(element, ".hw-present"), ports = required(element, "#hw-ports"), form = required(element, "form");
+  const url = required(form, "#hw-url", HTMLInputElement), robot = required(form, "#hw-robot", HTMLSelectElement);
   let open = "";
   let seen = "";
 
@@ -38,6 +42,7 @@ export async function mount(element, { operates }) {
     fill(present, presentMarkup(facts, operates));
   }, element);
 
+  /** @param {Ports} found */
   function show(found) {
     const now = JSON.stringify(found.plugged);
     if (now === seen) return;
@@ -49,35 +54,43 @@ export async function mount(element, { operates }) {
 
   async function look() {
     if (!element.isConnected) return;
-    if (!document.hidden && hexwire.connected) await hexwire.call("ports").then(show, (error) => hexwire.connected && hexwire.say(error.message));
+    if (!document.hidden && hexwire.connected) await hexwire.call("ports").then(show, (error) => hexwire.connected && hexwire.say(whyOf(error)));
     setTimeout(look, LOOK);
   }
 
+  /**
+   * @param {string} url
+   * @param {string} robot
+   */
   async function openAddress(url, robot) {
     if ((await hexwire.act("open", { url, robot })) !== undefined) go("/move");
   }
 
-  element.addEventListener("click", async ({ target }) => {
-    const button = target.closest("button[data-do]");
+  element.addEventListener("click", async (event) => {
+    const button = within(event, "button[data-do]");
     if (button?.dataset.do === "close") hexwire.act("close");
-    else if (button) openAddress(button.dataset.url, button.closest("tr").querySelector("select")?.value ?? "");
+    else if (button) openAddress(button.dataset.url ?? "", button.closest("tr")?.querySelector("select")?.value ?? "");
   });
   form.addEventListener("submit", (event) => {
     event.preventDefault();
-    if (operates) openAddress(form.elements.url.value, form.elements.robot.value);
+    if (operates) openAddress(url.value, robot.value);
   });
 
   // What was there a moment ago is shown at once: a table that comes later would push its neighbours away.
   const begin = () => hexwire.call("ports.known").then((known) => {
-    fill(find("#hw-emulated"), table("Without hardware", known.emulated, known, operates, false));
-    form.elements.robot.append(...known.robots.map((name) => new Option(name)));
-    find("#hw-warning").textContent = operates ? `A serial port, or a bridge to one: ${known.warning}.` : "";
+    fill(required(element, "#hw-emulated"), table("Without hardware", known.emulated, known, operates, false));
+    robot.append(...known.robots.map((name) => new Option(name)));
+    required(element, "#hw-warning").textContent = operates ? `A serial port, or a bridge to one: ${known.warning}.` : "";
     show(known);
     look();
   }, () => setTimeout(begin, LOOK / 10));
   begin();
 }
 
+/**
+ * @param {Facts} facts
+ * @param {boolean} operates
+ */
 function presentMarkup(facts, operates) {
   const error = facts.open_error && html`<p class="hw-bad">Not opened: ${facts.open_error}</p>`;
   if (facts.mode !== "arm" && facts.mode !== "bus") return html`${error}<p>Nothing is open. Choose a port, or enter an address.</p>`;
@@ -85,9 +98,15 @@ function presentMarkup(facts, operates) {
     ${operates && html`<button class="hw-button" type="button" data-do="close" aria-label="Close what is open">Close</button>`}</div>`;
 }
 
-/** Ports; of an emulated one there is no more to say than what it is. */
+/**
+ * Ports; of an emulated one there is no more to say than what it is.
+ * @param {string} caption
+ * @param {Port[]} rows
+ * @param {Ports} known
+ * @param {boolean} operates
+ */
 function table(caption, rows, known, operates, real = true) {
-  const choice = (row) => {
+  const choice = (/** @type {Port} */ row) => {
     const names = [...new Set([...row.robots, known.default, ...known.robots])];
     return html`<select aria-label="Robot on ${row.device}">${names.map((name) => html`<option>${name}</option>`)}</select>`;
   };

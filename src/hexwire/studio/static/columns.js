@@ -1,33 +1,52 @@
 // Columns of numbers from the studio's server: the bytes of studio/columns.py. Must not know who shows them.
 
 /**
+ * @template H
+ * @typedef {{ head: H, times: Float64Array, columns: Map<string, Float32Array> }} Columns
+ */
+
+/** @typedef {Record<string, string | number | boolean | null | undefined>} Query */
+
+/**
  * Fetch columns.
- * @returns {Promise<{head: any, times: Float64Array, columns: Map<string, Float32Array>}>}
+ * @template {keyof Heads} A
+ * @param {A} address
+ * @param {Query} query
+ * @returns {Promise<Columns<Heads[A]>>}
  * @throws {Error} with the server's words
  */
 export async function fetchColumns(address, query = {}) {
   return parseColumns(await (await ask(withQuery(address, query))).arrayBuffer());
 }
 
+/**
+ * @param {string} address
+ * @param {Query} query
+ */
 export function withQuery(address, query) {
-  const known = Object.entries(query).filter(([, value]) => value !== undefined && value !== null && value !== "");
+  const known = Object.entries(query).flatMap(([name, value]) => (value === undefined || value === null || value === "" ? [] : [[name, String(value)]]));
   return known.length ? `${address}?${new URLSearchParams(known)}` : address;
 }
 
 /**
  * Fetch from the studio.
- * @returns {Promise<any>} its answer; of one that is JSON, `json` alone
+ * @returns {Promise<Response>}
  * @throws {Error} with the server's words, if it refuses
+ * @param {string} address
+ * @param {RequestInit} [options]
  */
 export async function ask(address, options) {
   const answer = await fetch(address, options);
   const json = (answer.headers.get("content-type") || "").startsWith("application/json");
-  if (answer.ok && !json) return answer;
-  const said = json ? await answer.json() : {};
+  const said = json ? await answer.clone().json() : {};
   if (said.refused || !answer.ok) throw new Error(said.refused || `the studio answered ${answer.status}`);
-  return { json: async () => said };
+  return answer;
 }
 
+/**
+ * @param {ArrayBuffer} bytes
+ * @returns {Columns<any>} what the head has besides count and columns depends on the address
+ */
 export function parseColumns(bytes) {
   const view = new DataView(bytes);
   if (view.getUint32(0, false) !== 0x48574331) throw new Error("the studio sent something else than columns");
@@ -44,7 +63,11 @@ export function parseColumns(bytes) {
   return { head, times, columns };
 }
 
-/** Save what an address gives as a file, under the name that the server gives it. */
+/**
+ * Save what an address gives as a file, under the name that the server gives it.
+ * @param {string} address
+ * @param {Query} query
+ */
 export async function save(address, query) {
   const answer = await ask(withQuery(address, query));
   const said = answer.headers.get("content-disposition") || "";

@@ -2,7 +2,7 @@
 // Owns the buttons, and what the picture shows at each step; the server has the steps, and says what each is about and what is missing.
 
 import { Picture } from "./arm_picture.js";
-import hexwire from "./live.js";
+import hexwire, { all, required } from "./live.js";
 import { showRanges } from "./servos_calibration.js";
 import { button, choice, field, row } from "./servos_kit.js";
 import { download, fill, html, loadSheet, node, put, question } from "./widgets.js";
@@ -13,6 +13,10 @@ const STAGES = ["", "what", "calibrated", "ranges", "jog", "done"];
 const LOOK = 2000; // ms between two looks at the ports
 const JOG = (5 * Math.PI) / 180; // as `setup/first_run.py`, for the ghost only
 
+/**
+ * @param {HTMLElement} element
+ * @param {Visitor} visitor
+ */
 export async function mount(element, { operates }) {
   await Promise.all([loadSheet("/static/servos.css"), loadSheet("/static/first.css")]);
   element.classList.add("fr-page");
@@ -25,7 +29,7 @@ export async function mount(element, { operates }) {
     </div>`);
   const page = new Page(element, operates);
   hexwire.onFirst((told) => page.draw(told), element);
-  let opened = null;
+  let opened = -1;
   hexwire.onFacts((facts) => {
     page.mark(facts);
     if (facts.opened === opened) return;
@@ -44,15 +48,23 @@ export async function mount(element, { operates }) {
 }
 
 class Page {
+  /** @type {First | null} */
   told = null;
   drawn = "";
+  shownOnce = false;
+  /** @type {HTMLSelectElement | null} */
+  robots = null;
   measures = false;
   mine = false;
   torque = "";
   missing = "";
 
+  /**
+   * @param {HTMLElement} element
+   * @param {boolean} operates
+   */
   constructor(element, operates) {
-    const find = (selector) => element.querySelector(selector);
+    const find = (/** @type {string} */ selector) => required(element, selector);
     this.element = element;
     this.operates = operates;
     this.title = find("h2");
@@ -61,7 +73,7 @@ class Page {
     this.rows = find(".fr-rows");
     this.buttons = find(".fr-go");
     this.why = find(".fr-missing");
-    this.steps = [...element.querySelectorAll(".fr-steps li")];
+    this.steps = all(element, ".fr-steps li");
     this.picture = new Picture(find(".fr-view"), find(".fr-caption"));
   }
 
@@ -69,18 +81,15 @@ class Page {
     hexwire.call("first.look").then((told) => this.element.isConnected && this.draw(told), () => {});
   }
 
-  /** Ask; what is refused is told. */
-  act(name, args = {}) {
-    return hexwire.act(`first.${name}`, args);
-  }
-
+  /** @param {Facts} facts */
   mark(facts) {
     const mine = facts.holder_tab !== undefined && facts.holder_tab !== "" && facts.holder_tab === hexwire.tab;
-    const changed = mine !== this.mine || facts.torque !== this.torque;
-    Object.assign(this, { mine, torque: facts.torque });
+    const { torque = "" } = facts, changed = mine !== this.mine || torque !== this.torque;
+    Object.assign(this, { mine, torque });
     if (changed && this.told?.stage) this.draw(this.told, true);
   }
 
+  /** @param {First} told */
   draw(told, again = false) {
     const now = JSON.stringify(told);
     if (now === this.drawn && !again) return;
@@ -94,20 +103,23 @@ class Page {
       else step.removeAttribute("aria-current");
     });
     // What is drawn again must not take the place from under a finger, nor the focus from a button that stays.
-    const focused = this.element.contains(document.activeElement) ? document.activeElement.getAttribute("data-key") : null;
-    if (!at) this.connect(moved);
+    const focused = this.element.contains(document.activeElement) ? document.activeElement?.getAttribute("data-key") : null;
+    if (!told.stage) this.connect(moved);
     else this.step(told);
     this.look_at(told);
     if (moved && this.shownOnce) this.title.focus();
-    else if (focused) this.element.querySelector(`[data-key="${focused}"]`)?.focus();
+    else if (focused) all(this.element, `[data-key="${focused}"]`)[0]?.focus();
     this.shownOnce = true;
   }
 
-  /** Show in the picture what the step is about. */
+  /**
+   * Show in the picture what the step is about.
+   * @param {First | null} told
+   */
   async look_at(told) {
-    if (!told.stage) return;
+    if (!told?.stage) return;
     // An open arm has its own limits.
-    await this.picture.show(told.robot, `${told.robot} ${hexwire.facts?.mode === "arm" ? told.opened : ""}`);
+    await this.picture.show(told.robot, `${told.robot} ${hexwire.facts?.mode === "arm" ? hexwire.facts.opened : ""}`);
     if (told !== this.told || (told.stage === "ranges" && told.measuring)) return; // its rows say it
     const sweeps = told.stage === "calibrated" || told.stage === "ranges";
     this.picture.mark(told.joint || null, sweeps);
@@ -115,6 +127,7 @@ class Page {
 
   // -- the first step: nothing is open for it yet ----------------------------------------------------------------
 
+  /** @param {boolean} first whether another step was shown before */
   async connect(first) {
     if (!first && this.robots) return;
     put(this.title, "Connect the arm");
@@ -124,17 +137,18 @@ class Page {
     this.rows.replaceChildren();
     const known = await hexwire.call("ports.known").catch(() => null);
     if (!known || !this.element.isConnected || this.told?.stage) return;
-    const robots = (this.robots = choice(known.robots.map((name) => [name, name])));
+    const robots = (this.robots = choice(known.robots.map((name) => /** @type {const} */ ([name, name]))));
     robots.value = known.robots.includes("so101") ? "so101" : known.default;
     const ports = node("div", { class: "fr-ports" });
     this.more.replaceChildren(field("Which arm is it?", robots), ports, node("p", { class: "hw-dim" }, `A serial port: ${known.warning}.`));
     let seen = "";
-    const list = (found) => {
+    const list = (/** @type {Ports} */ found) => {
       const rows = [...(found.plugged ?? []), ...found.emulated.filter((one) => one.robots.includes(robots.value))];
-      const here = ["arm", "bus"].includes(hexwire.facts?.mode) ? hexwire.facts.url : "";
+      const here = hexwire.facts?.url ?? "";
       const now = JSON.stringify([rows, here, robots.value]);
       if (now === seen) return;
       seen = now;
+      /** @type {(words: string, about: string, args: Calls["first.begin"]["args"]) => HTMLElement} */
       const offer = (words, about, args) => node("div", { class: "fr-port" },
         button(words, (pressed) => this.begin(pressed, args), { level: "accent" }), node("span", { class: "hw-dim" }, about));
       ports.replaceChildren(
@@ -157,16 +171,21 @@ class Page {
     look();
   }
 
+  /**
+   * @param {HTMLButtonElement} pressed
+   * @param {Calls["first.begin"]["args"]} args
+   */
   async begin(pressed, args) {
     pressed.disabled = true;
     put(this.why, "Opening it, and asking what answers …");
-    await this.act("begin", args);
+    await hexwire.act("first.begin", args);
     put(this.why, "");
     pressed.disabled = false;
   }
 
   // -- the other steps --------------------------------------------------------------------------------------------
 
+  /** @param {FirstRun} told */
   step(told) {
     this.robots = null;
     put(this.title, told.title);
@@ -175,33 +194,39 @@ class Page {
     this.more.replaceChildren(...more);
     if (!told.measuring) this.list(told);
     const going = told.measuring ? [] : [
-      ...(told.stage === "what" ? [] : [this.key(button("Back", () => this.act("back")), "back")]),
-      ...(told.stage === "jog" || told.stage === "done" ? [] : [this.key(button("Look again", () => this.act("again")), "again")]),
-      ...(told.next ? [this.key(button(told.next, () => this.act("next"), { level: "accent" }), "next")] : []),
+      ...(told.stage === "what" ? [] : [this.key(button("Back", () => hexwire.act("first.back")), "back")]),
+      ...(told.stage === "jog" || told.stage === "done" ? [] : [this.key(button("Look again", () => hexwire.act("first.again")), "again")]),
+      ...(told.next ? [this.key(button(told.next, () => hexwire.act("first.next"), { level: "accent" }), "next")] : []),
       ...(told.stage === "done" ? [this.key(button("Go to Move", () => this.leave("/move"), { level: "accent" }), "move")] : []),
     ];
     this.buttons.replaceChildren(...going, this.key(button("Leave", () => this.leave("/")), "leave"));
-    for (const each of this.element.querySelectorAll(".fr-panel button:not([data-key=leave])")) each.disabled ||= !this.mine;
-    const next = this.buttons.querySelector("[data-key=next]");
-    if (next && told.missing) next.disabled = true;
+    for (const each of all(this.element, ".fr-panel button:not([data-key=leave])", HTMLButtonElement)) each.disabled ||= !this.mine;
+    if (told.missing) for (const next of all(this.buttons, "[data-key=next]", HTMLButtonElement)) next.disabled = true;
     const control = this.mine ? "" : this.operates ? "Take control to go on." : "You watch: only the page with control goes on.";
     put(this.why, control || (told.missing && !told.measuring ? `Before the next step: ${told.missing}.` : ""));
   }
 
+  /**
+   * @param {HTMLButtonElement} made
+   * @param {string} key
+   */
   key(made, key) {
     made.dataset.key = key;
     return made;
   }
 
+  /** @param {FirstRun} told */
   doing(told) {
     const middle = told.middle ? `Put ${told.endless.join(" and ")} in its middle and say so: it has no stops. ` : "";
     const hand = told.hand ? ` This arm is emulated: in a terminal, “hexwire sim hand shoulder_pan 120 --port ${told.hand}” moves a joint as a hand would.` : "";
     return `Torque is off. ${middle}Move every joint to both of its ends; the table says what is missing.${hand}`;
   }
 
-  list({ stage, rows, joints }) {
+  /** @param {FirstRun} told */
+  list({ stage, rows, joints, bare }) {
     if (stage === "jog") {
       const bars = rows.map(([name, value, level]) => {
+        /** @type {(way: number, words: string) => HTMLElement} */
         const hold = (way, words) => {
           const made = this.key(button(words, () => {}, { label: `${name} ${way > 0 ? "plus" : "minus"}` }), `${name} ${way}`);
           made.classList.add("sv-hold");
@@ -220,12 +245,13 @@ class Page {
       this.rows.replaceChildren(...bars);
       return;
     }
-    if (stage === "ranges" && !this.told.bare) return;
+    if (stage === "ranges" && !bare) return;
     fill(this.rows, html`${rows.length > 0 && html`<dl class="fr-found">${rows.map(([name, value, level]) =>
       html`<div><dt>${name}</dt><dd data-level="${level}">${value}</dd></div>`)}</dl>`}`);
     if (!joints.length) this.rows.replaceChildren();
   }
 
+  /** @param {FirstRun} told */
   rangeButtons(told) {
     if (!told.bare) {
       const off = async () => {
@@ -234,7 +260,7 @@ class Page {
       return [row(this.key(button("Torque off", off, { level: "accent" }), "limp"))];
     }
     if (told.measuring) {
-      const middle = told.middle ? [this.key(button(`${told.endless.join(" and ")}: in its middle now`, () => this.act("middle"), { level: "accent" }), "middle")] : [];
+      const middle = told.middle ? [this.key(button(`${told.endless.join(" and ")}: in its middle now`, () => hexwire.act("first.middle"), { level: "accent" }), "middle")] : [];
       return [row(...middle, this.key(button("Finish", () => this.finish(), { level: "accent" }), "finish"),
         this.key(button("Cancel", () => hexwire.act("servos.cancel")), "cancel"))];
     }
@@ -261,36 +287,39 @@ class Page {
   async measure() {
     if (!(await question("Torque off", "All joints lose their torque, and the arm sinks. Hold it.\nNothing is stored by this.", "I hold it: torque off"))) return;
     this.measures = true;
-    await this.act("measure");
+    await hexwire.act("first.measure");
     this.measures = false;
   }
 
   async finish() {
-    const missing = await this.act("finish");
-    if (missing && (await question("Something is missing", `${missing}.\nA joint may be limited on purpose.`, "Accept it as it is", "accent"))) this.act("finish", { sure: true });
+    const missing = await hexwire.act("first.finish");
+    if (missing && (await question("Something is missing", `${missing}.\nA joint may be limited on purpose.`, "Accept it as it is", "accent"))) hexwire.act("first.finish", { sure: true });
   }
 
+  /** @param {FirstRun} told */
   async store(told) {
     const lines = told.rows.map(([name, what]) => `${name}: ${what}`);
     const text = [...lines, "Each value is read back. If one fails, all servos get their old values."].join("\n");
     if (await question("Store in the servos", text, "Store them")) {
-      if ((await this.act("store")) !== undefined) hexwire.notify("stored in the servos, and read back", "ok");
+      if ((await hexwire.act("first.store")) !== undefined) hexwire.notify("stored in the servos, and read back", "ok");
     }
   }
 
   async undo() {
     const text = "Offset and range of every servo become what they were before they were stored here.";
-    if (await question("Take it back", text, "Write the old values")) this.act("undo");
+    if (await question("Take it back", text, "Write the old values")) hexwire.act("first.undo");
   }
 
+  /** @param {string} path */
   async leave(path) {
     if (this.measures) await hexwire.act("servos.cancel");
-    if (this.mine && this.told?.stage) await this.act("leave");
+    if (this.mine && this.told?.stage) await hexwire.act("first.leave");
     go(path);
   }
 
   // -- what comes all the time ------------------------------------------------------------------------------------
 
+  /** @param {RangeRow[]} rows */
   ranges(rows) {
     const { told } = this;
     if (told?.stage !== "ranges" || (told.bare && !told.measuring)) return;
@@ -303,6 +332,7 @@ class Page {
     }
   }
 
+  /** @param {Frame} frame */
   frame(frame) {
     if (hexwire.facts?.mode === "arm") this.picture.joints(frame.position, hexwire.known ? frame.known : []);
   }

@@ -4,17 +4,26 @@
 import hexwire from "./live.js";
 import { ask, withQuery } from "./columns.js";
 import { go } from "./studio.js";
-import { node, put } from "./widgets.js";
+import { node, put, whyOf } from "./widgets.js";
 
 const PERIOD = 150; // ms between two looks: what is old is grey within a second
 const OLD = 750; // ms after an answer
 const HEAD = ["Arm", "State", "Faults", "Control", "Torque", "Age, ms", "Robot", "Computer", ""];
 
-/** `bar` gets the stop of all arms and what became of it, `root` the arms. */
+/**
+ * `bar` gets the stop of all arms and what became of it, `root` the arms.
+ * @param {HTMLElement} bar
+ * @param {HTMLElement} root
+ * @param {Visitor} args
+ */
 export function mountFleet(bar, root, args) {
   new FleetPage(bar, root, args.tab, args.operates);
 }
 
+/**
+ * @param {FleetArm} arm
+ * @returns {[string, Level]}
+ */
 function condition(arm) {
   if (arm.silent) return [`no answer: ${arm.why}`, "error"];
   if (arm.stopped) return [arm.why ? `stopped: ${arm.why}` : "stopped", "warn"];
@@ -22,11 +31,22 @@ function condition(arm) {
 }
 
 class FleetPage {
+  /** @type {Map<string, HTMLTableRowElement>} */
+  rows = new Map();
+  told = -Infinity; // when the studio told of the arms last
+  timer = 0;
+  asking = false;
+
+  /**
+   * @param {HTMLElement} bar
+   * @param {HTMLElement} root
+   * @param {string} tab
+   * @param {boolean} operate
+   */
   constructor(bar, root, tab, operate) {
     this.root = root;
     this.tab = tab;
     this.operate = operate;
-    this.rows = new Map();
     this.body = node("tbody");
     this.stopAll = node("button", { type: "button", class: "hw-button hw-fleet-all", onclick: () => this.stop(null) }, "Stop all arms");
     this.summary = node("span", { role: "status" }, "Looking for arms ...");
@@ -52,7 +72,11 @@ class FleetPage {
     }, PERIOD);
   }
 
-  /** By HTTP: it needs no socket, and waits for nothing else that this page asks for. */
+  /**
+   * By HTTP: it needs no socket, and waits for nothing else that this page asks for.
+   * @param {Record<string, string>} values
+   * @returns {Promise<{ line: string, confirmed: boolean }[]>}
+   */
   async askStop(values) {
     return (await ask(withQuery("/fleet/stop", { tab: this.tab, ...values }), { method: "POST" })).json();
   }
@@ -66,13 +90,14 @@ class FleetPage {
         this.show(await hexwire.call("fleet.arms"));
         this.told = performance.now();
       } catch (error) {
-        if (hexwire.connected) this.fail(error.message);
+        if (hexwire.connected) this.fail(whyOf(error));
       }
       this.asking = false;
     }
     this.timer = setTimeout(() => this.poll(), PERIOD);
   }
 
+  /** @param {Calls["fleet.arms"]["answer"]} found */
   show(found) {
     this.fail(found.error);
     const gone = found.gone.length ? `; gone: ${found.gone.join(", ")}` : "";
@@ -96,35 +121,46 @@ class FleetPage {
     });
   }
 
+  /** @param {FleetArm} arm */
   row({ name, own }) {
-    if (!this.rows.has(name)) {
+    let row = this.rows.get(name);
+    if (!row) {
       const buttons = node("td", { class: "hw-fleet-buttons" },
         node("button", { type: "button", class: "hw-button hw-fleet-stop", "aria-label": `Stop ${name}`, onclick: () => this.stop(name, own) }, "Stop"));
       if (own) buttons.append(node("span", { class: "hw-dim hw-fleet-own" }, "open here"));
       else if (this.operate) {
-        buttons.append(node("button", { type: "button", class: "hw-button", "aria-label": `Open ${name} in this studio`, onclick: (event) => this.open(name, event.currentTarget) }, "Open"));
+        /** @type {HTMLButtonElement} */
+        const open = node("button", { type: "button", class: "hw-button", "aria-label": `Open ${name} in this studio`, onclick: () => this.open(name, open) }, "Open");
+        buttons.append(open);
       }
       const cells = HEAD.slice(1, -1).map((label) => node("td", { "data-label": label }));
-      this.rows.set(name, node("tr", {}, node("th", { scope: "row" }, name), ...cells, buttons));
+      row = node("tr", {}, node("th", { scope: "row" }, name), ...cells, buttons);
+      this.rows.set(name, row);
     }
-    return this.rows.get(name);
+    return row;
   }
 
+  /**
+   * @param {HTMLTableRowElement} row
+   * @param {FleetArm} arm
+   */
   fill(row, arm) {
     const [words, level] = condition(arm);
     const age = arm.age === null ? "–" : (1000 * arm.age).toFixed(0);
     const texts = [words, arm.faults || (arm.silent ? "–" : "none"), arm.holder || "nobody", arm.torque || "–", age, arm.robot || "–", arm.host || "–"];
-    texts.forEach((text, i) => put(row.children[i + 1], text));
+    texts.forEach((text, i) => put(row.cells[i + 1], text));
     row.classList.toggle("hw-fleet-old", !arm.known);
-    row.children[1].dataset.level = level;
-    row.children[2].dataset.level = arm.faults ? "error" : "";
+    row.cells[1].dataset.level = level;
+    row.cells[2].dataset.level = arm.faults ? "error" : "";
   }
 
+  /** @param {string} text */
   fail(text) {
     put(this.problem, text);
     this.problem.hidden = !text;
   }
 
+  /** @param {string | null} name null: of all arms */
   async stop(name, own = false) {
     const told = name || "all arms";
     this.results.replaceChildren(node("li", {}, `Stopping ${told} ...`));
@@ -136,11 +172,15 @@ class FleetPage {
         return node("li", { "data-level": row.confirmed ? "ok" : "error" }, row.line + more);
       }));
     } catch (error) {
-      this.results.replaceChildren(node("li", { "data-level": "error" }, `${told}: NOT CONFIRMED: ${error.message}`));
+      this.results.replaceChildren(node("li", { "data-level": "error" }, `${told}: NOT CONFIRMED: ${whyOf(error)}`));
     }
     this.poll();
   }
 
+  /**
+   * @param {string} name
+   * @param {HTMLButtonElement} button what was pressed
+   */
   async open(name, button) {
     button.disabled = true;
     this.refusal.hidden = true;
@@ -148,7 +188,7 @@ class FleetPage {
       await hexwire.call("fleet.open", { name });
       go("/move");
     } catch (error) {
-      put(this.refusal, `${name} is not open here: ${error.message}`);
+      put(this.refusal, `${name} is not open here: ${whyOf(error)}`);
       this.refusal.hidden = false;
     }
     button.disabled = false;

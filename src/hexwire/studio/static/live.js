@@ -10,16 +10,24 @@ const LOOK = 150; // ms between two looks at that: what is not known is grey wit
 const READ = 8000; // ms for which a message stays in sight
 /** Bits of a joint, as `JointFlag`. The server sets `silent` for every joint of which nobody knows what it does now. */
 export const FLAG = { voltage: 1, encoder: 2, temperature: 4, current: 8, clamped: 16, overload: 32, torque: 64, silent: 128, unknown: 256 };
-const FAULTS = ["voltage", "encoder", "temperature", "current", "overload", "silent"];
-const COLUMNS = ["position", "velocity", "load", "current", "voltage", "temperature", "goal"];
+const FAULTS = /** @type {const} */ (["voltage", "encoder", "temperature", "current", "overload", "silent"]);
 
-const meta = (name) => /** @type {HTMLMetaElement} */ (document.querySelector(`meta[name="hexwire-${name}"]`)).content;
+const meta = (/** @type {string} */ name) => required(document, `meta[name="hexwire-${name}"]`, HTMLMetaElement).content;
 const key = meta("tab");
+/** @type {{ [K in keyof Told]: Set<{ call: (value: Told[K]) => unknown, element?: Element }> }} */
 const listeners = { frame: new Set(), facts: new Set(), hello: new Set(), news: new Set(), run: new Set(), link: new Set(), servos: new Set(), wave: new Set(), range: new Set(), steps: new Set(), leader: new Set(), first: new Set() };
-const answers = new Map(); // what was asked for by a call, and has no answer yet
+/**
+ * What was asked for by a call, and has no answer yet.
+ * @type {Map<number, { resolve: (value: any) => void, reject: (error: Error) => void }>}
+ */
+const answers = new Map();
+/** @type {NothingOpen} */
+const NOTHING = { mode: "none", opened: 0, opening: "", open_error: "", refused: "" };
 let calls = 0;
+/** @type {WebSocket | null} */
 let socket = null;
 let retry = 200;
+/** @type {Held | null} */
 let held = null;
 let number = 0;
 let stopConfirmed = 0;
@@ -30,56 +38,80 @@ let seen = 0;
 let wasKnown = true;
 let hadControl = false;
 let leaving = false; // it was given back here
-let leader = null; // what was said of a leader arm last
+/** @type {LeaderTold | null} */
+let leader = null; // what was said last
 let heard = -Infinity; // when the studio said something last
 
+/**
+ * What is held: `args` once they have changed, `fine` once it ended as it was asked for.
+ * @typedef {{ number: number, args?: object, settle: (why: string) => void, attended: boolean, element: HTMLElement | null, timer: number, fine?: boolean }} Held
+ * @typedef {{ attended?: boolean, element?: HTMLElement }} HoldOptions
+ */
+
 const hexwire = {
-  model: { robot: "", joints: [], space: false },
+  /** @type {Hello} */
+  model: { kind: "hello", tab: "", right: 0, robot: "", joints: [], space: false },
+  /** @type {Facts | null} */
   facts: null,
+  /** @type {Frame | null} */
   frame: null,
   tab: "",
+  /** @returns {boolean} */
   get connected() {
     return socket !== null && socket.readyState === WebSocket.OPEN;
   },
   /** Whether this page may be given control. */
   operates: Number(meta("right")) > 1,
   key,
-  /** Whether this page still hears the studio, which may hang although the connection is there. */
+  /**
+   * Whether this page still hears the studio, which may hang although the connection is there.
+   * @returns {boolean}
+   */
   get heard() {
     return hexwire.connected && performance.now() - heard < HEARD;
   },
-  /** Whether what is shown is from now: the studio says so, and this page still hears it. */
+  /**
+   * Whether what is shown is from now: the studio says so, and this page still hears it.
+   * @returns {boolean}
+   */
   get known() {
     const { facts } = hexwire;
     if (!facts || !hexwire.heard) return false;
     return facts.known || (facts.mode !== "arm" && facts.mode !== "bus");
   },
+  /** @returns {boolean} */
   get holding() {
     return held !== null;
   },
-  /** Whether it holds what lasts while this page is in sight, without a pressed button. */
+  /**
+   * Whether it holds what lasts while this page is in sight, without a pressed button.
+   * @returns {boolean}
+   */
   get attending() {
     return held !== null && held.attended;
   },
-  onFrame: (call, element) => listen("frame", call, element),
+  onFrame: listener("frame"),
+  /** @type {ReturnType<typeof listener<"facts">>} */
   onFacts: (call, element) => {
     const end = listen("facts", call, element);
     if (hexwire.facts) call(hexwire.facts);
     return end;
   },
+  /** @type {ReturnType<typeof listener<"hello">>} */
   onHello: (call, element) => {
     const end = listen("hello", call, element);
     if (hexwire.model.joints.length) call(hexwire.model);
     return end;
   },
-  onNews: (call, element) => listen("news", call, element),
-  onRun: (call, element) => listen("run", call, element),
-  onLink: (call, element) => listen("link", call, element),
-  onServos: (call, element) => listen("servos", call, element),
-  onWave: (call, element) => listen("wave", call, element),
-  onRange: (call, element) => listen("range", call, element),
-  onFirst: (call, element) => listen("first", call, element),
-  onSteps: (call, element) => listen("steps", call, element),
+  onNews: listener("news"),
+  onRun: listener("run"),
+  onLink: listener("link"),
+  onServos: listener("servos"),
+  onWave: listener("wave"),
+  onRange: listener("range"),
+  onFirst: listener("first"),
+  onSteps: listener("steps"),
+  /** @type {ReturnType<typeof listener<"leader">>} */
   onLeader: (call, element) => {
     const end = listen("leader", call, element);
     if (leader) call(leader);
@@ -97,18 +129,66 @@ const hexwire = {
 };
 export default hexwire;
 
-/** What the bits of a joint say is wrong with it, in words. */
+/**
+ * What the bits of a joint say is wrong with it, in words.
+ * @param {number} flags
+ */
 export const faultsOf = (flags) => FAULTS.filter((name) => flags & FLAG[name]);
 window.hexwire = hexwire;
 
+/**
+ * The element that a selector finds, where a page without it is broken.
+ * @template {Element} [E=HTMLElement]
+ * @param {ParentNode} root
+ * @param {string} selector
+ * @param {new () => E} [kind] what it is
+ * @returns {E}
+ */
+export function required(root, selector, kind) {
+  const found = root.querySelector(selector);
+  if (found instanceof (kind ?? HTMLElement)) return /** @type {E} */ (found);
+  throw new Error(`the page has no ${selector}`);
+}
+
+
+/**
+ * All elements of a kind that a selector finds.
+ * @template {Element} [E=HTMLElement]
+ * @param {ParentNode} root
+ * @param {string} selector
+ * @param {new () => E} [kind]
+ */
+export const all = (root, selector, kind) => /** @type {E[]} */ ([...root.querySelectorAll(selector)].filter((each) => each instanceof (kind ?? HTMLElement)));
+
 // -- listeners -----------------------------------------------------------------------------------------
 
+/**
+ * @template {keyof Told} K
+ * @param {K} kind
+ * @param {(value: Told[K]) => unknown} call
+ * @param {Element} [element]
+ */
 function listen(kind, call, element) {
   const row = { call, element };
   listeners[kind].add(row);
   return () => listeners[kind].delete(row);
 }
 
+/**
+ * Listens to one kind of message; it ends with what is returned, or with the element.
+ * @template {keyof Told} K
+ * @param {K} kind
+ * @returns {(call: (value: Told[K]) => unknown, element?: Element) => () => void}
+ */
+function listener(kind) {
+  return (call, element) => listen(kind, call, element);
+}
+
+/**
+ * @template {keyof Told} K
+ * @param {K} kind
+ * @param {Told[K]} value
+ */
 function tell(kind, value) {
   for (const row of listeners[kind]) {
     if (row.element && !row.element.isConnected) {
@@ -156,12 +236,14 @@ function open() {
   };
 }
 
+/** @param {object} message */
 function send(message) {
-  if (!hexwire.connected) return false;
+  if (socket?.readyState !== WebSocket.OPEN) return false;
   socket.send(JSON.stringify(message));
   return true;
 }
 
+/** @param {Message} message */
 function receive(message) {
   if (message.kind === "hello") {
     hexwire.model = message;
@@ -180,12 +262,13 @@ function receive(message) {
     else asked?.resolve(message.value);
   } else if (message.kind === "stopping") {
     stopConfirmed = performance.now();
-  } else if (message.kind in listeners) {
+  } else if (message.kind !== "held" && message.kind in listeners) {
     if (message.kind === "leader") leader = message;
     tell(message.kind, message);
   }
 }
 
+/** @param {ArrayBuffer} bytes */
 function draw(bytes) {
   seen += 1;
   if (seen % SEEN === 0) send({ do: "seen", frames: seen });
@@ -193,6 +276,8 @@ function draw(bytes) {
   if (view.getUint8(0) !== 2) return; // 0: a sign of life
   const n = view.getUint8(1);
   const bits = view.getUint16(2, true);
+  const column = (/** @type {number} */ i) => new Float32Array(bytes, 16 + 4 * n * i, n);
+  const position = column(0), flags = new Uint16Array(bytes, 16 + 4 * n * 7, n);
   const frame = {
     time: view.getFloat64(8, true),
     joints: hexwire.model.joints.map((joint) => joint.name),
@@ -201,12 +286,16 @@ function draw(bytes) {
     tripped: Boolean(bits & 2),
     maintenance: Boolean(bits & 4),
     held: Boolean(bits & 16),
+    position,
+    velocity: column(1),
+    load: column(2),
+    current: column(3),
+    voltage: column(4),
+    temperature: column(5),
+    goal: column(6),
+    flags,
+    known: Array.from(flags, (bits, i) => !(bits & FLAG.silent) && Number.isFinite(position[i])),
   };
-  COLUMNS.forEach((name, i) => {
-    frame[name] = new Float32Array(bytes, 16 + 4 * n * i, n);
-  });
-  frame.flags = new Uint16Array(bytes, 16 + 4 * n * COLUMNS.length, n);
-  frame.known = Array.from(frame.flags, (flags, i) => !(flags & FLAG.silent) && Number.isFinite(frame.position[i]));
   hexwire.frame = frame;
   tell("frame", frame);
 }
@@ -215,8 +304,8 @@ function draw(bytes) {
 
 /**
  * Ask the studio for something, see studio/calls.py. Nothing is kept for later: without a connection it is refused.
- * @param {number | null} opened `facts.opened` of what is shown, if it is about that
- * @returns {Promise} its value; rejected with why not
+ * Resolves to its value; rejected with why not. `opened`: `facts.opened` of what is shown, if it is about that.
+ * @type {Ask}
  */
 function call(name, args = {}, opened = null) {
   const id = (calls += 1);
@@ -226,36 +315,51 @@ function call(name, args = {}, opened = null) {
   });
 }
 
-/** As `call`, for what a person has pressed: what is refused is told. Resolves to undefined then. */
+/**
+ * As `call`, for what a person has pressed: what is refused is told. Resolves to undefined then.
+ * @type {Act}
+ */
 function act(name, args = {}, opened = null) {
-  return call(name, args, opened).catch((error) => notify(error.message, "error"));
+  return call(name, args, opened).catch((error) => {
+    notify(error.message, "error");
+    return undefined;
+  });
 }
 
 // -- holds ---------------------------------------------------------------------------------------------
 
+/**
+ * Hold a motion until `release`. Resolves with why it ended.
+ * @param {string} kind
+ * @param {object} args
+ * @param {HoldOptions} options
+ * @returns {Promise<string>}
+ */
 function hold(kind, args, options = {}) {
   release();
   number += 1;
-  const stops = hexwire.frame ? hexwire.frame.stops : (hexwire.facts || {}).stops || 0;
-  let settle;
-  const over = new Promise((resolve) => (settle = resolve));
-  held = { number, kind, settle, attended: Boolean(options.attended), element: options.element || null, timer: 0 };
-  if (!send({ do: "hold", id: number, kind, args, stops })) {
-    ended("there is no connection to the studio");
-    return over;
-  }
-  // With what is held by now: a change that was sent before the motion began was in vain.
-  held.timer = setInterval(beat, BEAT);
-  return over;
+  const stops = hexwire.frame ? hexwire.frame.stops : hexwire.facts?.stops || 0;
+  return new Promise((settle) => {
+    const mine = (held = { number, settle, attended: Boolean(options.attended), element: options.element || null, timer: 0 });
+    // With what is held by now: a change that was sent before the motion began was in vain.
+    if (send({ do: "hold", id: number, kind, args, stops })) mine.timer = setInterval(beat, BEAT);
+    else ended("there is no connection to the studio");
+  });
 }
 
 function beat() {
+  if (!held) return;
   const { element } = held;
   // Not every browser says so: what was pressed is gone with its page, and nobody can let go of it any more.
-  if (element && (!element.isConnected || element.disabled)) release("what was pressed is gone");
+  if (element && (!element.isConnected || ("disabled" in element && element.disabled))) release("what was pressed is gone");
   else send({ do: "beat", id: held.number, args: held.args });
 }
 
+
+/**
+ * Change what is held.
+ * @param {object} args
+ */
 function update(args) {
   if (!held) return;
   held.args = args;
@@ -268,7 +372,10 @@ function release(why = "released") {
   ended(why, why === "released");
 }
 
-/** `fine`: it ended as it was asked for, which is no news for the bar of alarms. */
+/**
+ * `fine`: it ended as it was asked for, which is no news for the bar of alarms.
+ * @param {string} why
+ */
 function ended(why, fine = false) {
   if (!held) return;
   clearInterval(held.timer);
@@ -278,7 +385,13 @@ function ended(why, fine = false) {
   settle(why);
 }
 
-/** Let a button hold a motion while it is pressed; not while `options.idle` says that it does something else. */
+/**
+ * Let a button hold a motion while it is pressed; not while `options.idle` says that it does something else.
+ * @param {HTMLButtonElement} element
+ * @param {string} kind
+ * @param {object | (() => object)} args
+ * @param {HoldOptions & { idle?: () => unknown, onEnd?: (why: string) => void }} options
+ */
 function holdButton(element, kind, args, options = {}) {
   const begin = () => {
     const over = hold(kind, typeof args === "function" ? args() : args, { ...options, element });
@@ -328,8 +441,9 @@ function stop() {
 }
 
 // With the number of the stop: what the server has heard already is not a second one, which would undo a Resume.
+/** @param {number} id */
 function stopByRequest(id) {
-  fetch(`/stop?${new URLSearchParams({ tab: key, id })}`, { method: "POST", keepalive: true }).then(
+  fetch(`/stop?${new URLSearchParams({ tab: key, id: String(id) })}`, { method: "POST", keepalive: true }).then(
     (answer) => answer.ok || say("STOP was refused: switch the arm's power off", true),
     () => say("STOP did not reach the studio: switch the arm's power off", true),
   );
@@ -342,6 +456,7 @@ document.addEventListener(
   },
   { capture: true },
 );
+/** @param {Event} event */
 const onStop = ({ target }) => target instanceof Element && target.closest("#hw-stop");
 document.addEventListener(
   "pointerdown",
@@ -361,13 +476,20 @@ document.addEventListener(
 
 // -- the header ----------------------------------------------------------------------------------------
 
-/** Show a message for a while, beside what lasts; an urgent one before it, whatever changes meanwhile. */
+/**
+ * Show a message for a while, beside what lasts; an urgent one before it, whatever changes meanwhile.
+ * @param {string} text
+ */
 function say(text, urgent = false) {
   if (told.urgent && !urgent && performance.now() < told.until) return;
   told = { text, until: performance.now() + READ, urgent };
-  header(hexwire.facts || { mode: "none" });
+  header(hexwire.facts || NOTHING);
 }
 
+/**
+ * @param {string} lasting
+ * @param {string} note
+ */
 function banner(lasting, note) {
   const element = document.getElementById("hw-banner");
   if (!element) return;
@@ -385,6 +507,10 @@ function banner(lasting, note) {
   if (page) element.append(Object.assign(document.createElement("a"), { href: "/first", textContent: page }));
 }
 
+/**
+ * @param {string} name
+ * @param {string} text
+ */
 function put(name, text, level = "") {
   const element = document.getElementById(`hw-fact-${name}`);
   if (!element) return;
@@ -392,9 +518,13 @@ function put(name, text, level = "") {
   element.dataset.level = level;
 }
 
-/** The line of the header: what is open, and the one thing about it that matters most. */
+/**
+ * The line of the header: what is open, and the one thing about it that matters most.
+ * @param {Facts} facts
+ * @param {Record<"arm" | "bus" | "link" | "known" | "mine", boolean>} is
+ */
 function brief(facts, { arm, bus, link, known, mine }) {
-  const name = !link ? "No connection" : facts.opening ? "Opening …" : arm ? (bus ? "Servo bus" : facts.robot) : "No arm";
+  const name = !link ? "No connection" : facts.opening ? "Opening …" : arm ? (bus ? "Servo bus" : facts.robot ?? "") : "No arm";
   const faults = arm && known && facts.faults ? facts.faults : [];
   let words = "", level = "";
   if (!link) words = "to the studio", level = "error";
@@ -405,25 +535,33 @@ function brief(facts, { arm, bus, link, known, mine }) {
   else if (faults.length) words = faults.join("; "), level = "error";
   else words = [`torque ${facts.torque}`, mine ? "in control" : facts.holder ? `${facts.holder} has control` : ""].filter(Boolean).join(" · ");
   for (const [id, text] of [["hw-name", name], ["hw-brief", words]]) {
-    const element = document.getElementById(id);
+    const element = required(document, `#${id}`);
     if (element.textContent !== text) element.textContent = element.title = text;
     if (id === "hw-brief") element.dataset.level = level;
   }
-  document.getElementById("hw-dot").dataset.level = level || (arm && facts.torque === "on" ? "ok" : "");
+  required(document, "#hw-dot").dataset.level = level || (arm && facts.torque === "on" ? "ok" : "");
 }
 
+/**
+ * @param {string} name
+ * @param {boolean} so
+ */
 function show(name, so) {
   const element = document.getElementById(`hw-${name}`);
   if (element) element.hidden = !so;
 }
 
-/** Of when what is shown in grey is. */
+/**
+ * Of when what is shown in grey is.
+ * @param {Facts} facts
+ */
 function since(facts) {
   const last = hexwire.heard ? 1000 * (facts.last ?? 0) : performance.timeOrigin + heard;
   if (!(last > 0)) return "";
   return `What is grey is from ${new Date(last).toLocaleTimeString([], { hourCycle: "h23" })}. `;
 }
 
+/** @param {Facts} facts */
 function header(facts) {
   const bus = facts.mode === "bus";
   const arm = facts.mode === "arm" || bus;
@@ -469,20 +607,25 @@ function header(facts) {
 
 hexwire.onFacts(header);
 hexwire.onNews((news) => say(news.text, news.level === "error"));
-hexwire.onLink(() => header(hexwire.facts || { mode: "none" }));
+hexwire.onLink(() => header(hexwire.facts || NOTHING));
 
-for (const [id, name, args] of [["take", "take"], ["leave", "leave"], ["resume", "resume"], ["torque-on", "torque", { on: true }], ["torque-off", "torque", { on: false }], ["limp", "torque", { on: false }]]) {
-  document.getElementById(`hw-${id}`).addEventListener("click", () => {
+const torqueOff = () => act("torque", { on: false });
+const BUTTONS = { take: () => act("take"), leave: () => act("leave"), resume: () => act("resume"), "torque-on": () => act("torque", { on: true }), "torque-off": torqueOff, limp: torqueOff };
+for (const [id, ask] of Object.entries(BUTTONS)) {
+  required(document, `#hw-${id}`).addEventListener("click", () => {
     leaving ||= id === "leave";
-    act(name, args);
+    ask();
   });
 }
 
-/** Show for a while, above everything but in nobody's way, what has become of what was asked for. */
+/**
+ * Show for a while, above everything but in nobody's way, what has become of what was asked for.
+ * @param {string} text
+ */
 function notify(text, level = "") {
   const told = Object.assign(document.createElement("p"), { textContent: text });
   told.dataset.level = level;
-  document.getElementById("hw-notices").append(told);
+  required(document, "#hw-notices").append(told);
   setTimeout(() => told.remove(), READ);
 }
 

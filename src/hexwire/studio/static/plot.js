@@ -9,7 +9,7 @@
 // and keys, plot_legend.js writes the table below, plot_export.js makes the picture. Must not know the server.
 
 import { Columns } from "./plot_data.js";
-import { uPlot, FONT, themeOf, colourOf, onTheme, rangeOf, timeText, digitsOf } from "./plot_look.js";
+import { CURSORS, uPlot, FONT, themeOf, colourOf, onTheme, rangeOf, timeText, digitsOf } from "./plot_look.js";
 import { followInput } from "./plot_input.js";
 import { Legend } from "./plot_legend.js";
 import { makeToolbar } from "./plot_toolbar.js";
@@ -20,15 +20,57 @@ const BOTTOM = 40;      // height of the time axis with its label
 const STEPS = [1e-3, 2e-3, 5e-3, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 1200, 3600]; // s
 const SHARE = 0.35;     // most of a core that drawing may take
 
+/**
+ * @typedef {"a" | "b"} Cursor
+ *
+ * `colour`: number of a joint, "--variable" or CSS.
+ * @typedef {{ name: string, unit?: string, colour?: number | string, quantity?: string, shown?: boolean, dash?: number[], digits?: number, panel?: string }} SeriesOptions
+ * @typedef {SeriesOptions & Required<Pick<SeriesOptions, "unit" | "colour" | "quantity" | "shown">>} Series
+ *
+ * `window`: seconds that are followed (30); `keep`: seconds that are kept (600); `capacity`: rows that are kept; `height`: CSS
+ * pixels of all panels (320); `origin`: seconds that are called 0; `live`: false where nothing is appended; `toolbar`,
+ * `legend`: false to leave out; `fileName`: of pictures, without ending; `onTime(t)`: the time under the pointer, else that of
+ * the active cursor, else null.
+ * @typedef {{
+ *   title?: string, series?: SeriesOptions[], window?: number, keep?: number, capacity?: number, height?: number, origin?: number,
+ *   live?: boolean, toolbar?: boolean, legend?: boolean, fileName?: string, onPause?: (paused: boolean) => void,
+ *   onTime?: (t: number | null) => void
+ * }} PlotOptions
+ *
+ * Series of one unit, by their numbers.
+ * @typedef {{ shown: number[], unit: string, colours: string[], y: number[], last: boolean, chart: Untyped }} Panel
+ */
+
 export class Plot {
+  /** @type {Record<Cursor, number | null>} */
+  cursors = { a: null, b: null };
+  /** @type {Cursor} */
+  active = "a";
+  /** @type {number | null} */
+  hover = null;
+  /** @type {{ t: number, text: string }[]} */
+  marks = [];
+  /** @type {Series[]} */
+  series = [];
+  columns = new Columns(0);
+  stack = document.createElement("div");
+  status = document.createElement("div");
+  /** @type {Panel[]} */
+  _panels = [];
+  /** @type {string | null} */
+  _key = null;
+  _drawn = -Infinity;
+  _cost = 0;
+  _interval = 0;
+  _frame = 0;
+  _timer = 0;
+  _saying = 0;
+  /** @type {ReturnType<typeof themeOf> | null} */
+  _theme = null;
+
   /**
    * @param {HTMLElement} element is filled; its width is followed
-   * @param {object} options
-   *   title; series: [{name, unit, colour (number of a joint, "--variable" or CSS), quantity, shown, dash, digits}];
-   *   window: seconds that are followed (30); keep: seconds that are kept (600); capacity: rows that are kept;
-   *   height: CSS pixels of all panels (fills the element's height if it has one, else 320); origin: seconds that are
-   *   called 0; live: false where nothing is appended; toolbar, legend: false to leave out; fileName: of pictures, without ending; onPause(paused); onTime(t): the time under the pointer, else that of the
-   *   active cursor, else null.
+   * @param {PlotOptions} options
    */
   constructor(element, options = {}) {
     this.element = element;
@@ -36,15 +78,10 @@ export class Plot {
     this.following = this.options.live !== false;
     this.window = this.options.window;
     this.range = [0, this.window];
-    this.cursors = { a: null, b: null };
-    this.active = "a";
-    this.hover = null;
-    this.marks = [];
-    this._panels = [];
-    this._key = null;
-    this._drawn = -Infinity;
-    this._cost = 0;
+    this.toolbar = this.options.toolbar ? makeToolbar(this) : null;
+    this.legend = this.options.legend ? new Legend(this) : null;
     this._build();
+    this._stopInput = followInput(this);
     this.setSeries(this.options.series ?? []);
     this._stopTheme = onTheme(() => this.refresh());
     this._resized = new ResizeObserver(() => this._layout());
@@ -53,7 +90,10 @@ export class Plot {
 
   // -- data ----------------------------------------------------------------------------------------
 
-  /** Replace the series; all samples are dropped. */
+  /**
+   * Replace the series; all samples are dropped.
+   * @param {SeriesOptions[]} series
+   */
   setSeries(series) {
     this.series = series.map((one) => ({ quantity: "", unit: "", colour: 0, shown: true, ...one }));
     this.columns = new Columns(this.series.length, this.options.capacity ?? 65536);
@@ -62,7 +102,11 @@ export class Plot {
     this._makePanels();
   }
 
-  /** Add a row: seconds, and a value for each series. */
+  /**
+   * Add a row: seconds, and a value for each series.
+   * @param {number} t
+   * @param {(number | null)[]} values
+   */
   append(t, values) {
     const dt = t - this.columns.last;
     // Nothing is known between two samples that are far apart, so no line joins them.
@@ -75,7 +119,10 @@ export class Plot {
     else this.legend?.later();
   }
 
-  /** Replace all rows: [times, values of the first series, ...]; typed arrays are fastest. */
+  /**
+   * Replace all rows: [times, values of the first series, ...]; typed arrays are fastest.
+   * @param {import("./plot_data.js").Column[]} columns
+   */
   set(columns) {
     this.columns.set(columns);
     this._interval = this.columns.length > 1 ? (this.columns.last - this.columns.first) / (this.columns.length - 1) : 0;
@@ -88,7 +135,10 @@ export class Plot {
     this._dirty();
   }
 
-  /** Vertical marks with a word: [{t, text}]. */
+  /**
+   * Vertical marks with a word.
+   * @param {{ t: number, text: string }[]} marks
+   */
   setMarks(marks) { this.marks = marks; this._dirty(); }
 
   // -- view ----------------------------------------------------------------------------------------
@@ -98,6 +148,7 @@ export class Plot {
   pause() { this._follow(false); }
   resume() { this._follow(true); }
 
+  /** @param {boolean} on */
   _follow(on) {
     if (this.following === on || (on && this.options.live === false)) return;
     this.following = on;
@@ -106,14 +157,21 @@ export class Plot {
     this._dirty();
   }
 
-  /** Follow the newest samples over so many seconds. */
+  /**
+   * Follow the newest samples over so many seconds.
+   * @param {number} seconds
+   */
   setWindow(seconds) {
     this.window = Math.min(Math.max(seconds, 0.05), Math.max(this.options.keep, 0.05));
     this._follow(true);
     this._dirty();
   }
 
-  /** Show a range of times; the plot is paused. */
+  /**
+   * Show a range of times; the plot is paused.
+   * @param {number} from
+   * @param {number} to
+   */
   zoom(from, to) {
     if (!(to > from)) return;
     const middle = (from + to) / 2, half = Math.max((to - from) / 2, 0.002);
@@ -122,7 +180,10 @@ export class Plot {
     this._dirty();
   }
 
-  /** Zoom by a factor about a time; while the plot follows, its window changes instead. */
+  /**
+   * Zoom by a factor about a time; while the plot follows, its window changes instead.
+   * @param {number} factor
+   */
   scale(factor, about = (this.range[0] + this.range[1]) / 2) {
     if (this.following) {
       this.setWindow(this.window * factor);
@@ -135,7 +196,10 @@ export class Plot {
     this.zoom(about + (from - about) * bounded, about + (to - about) * bounded);
   }
 
-  /** Move the view by a part of its width. */
+  /**
+   * Move the view by a part of its width.
+   * @param {number} part
+   */
   pan(part) {
     const [from, to] = this.range, by = part * (to - from);
     this.zoom(from + by, to + by);
@@ -147,7 +211,11 @@ export class Plot {
     if (Number.isFinite(first) && last > first) this.zoom(first, last);
   }
 
-  /** Put a cursor ("a" or "b") at a time, or remove it with null. */
+  /**
+   * Put a cursor at a time, or remove it with null.
+   * @param {Cursor} name
+   * @param {number | null} t
+   */
   cursor(name, t) {
     this.cursors[name] = t;
     if (t !== null) this.active = name;
@@ -157,7 +225,10 @@ export class Plot {
     this._redrawCursors();
   }
 
-  /** Put the next cursor at a time: the first, then the second, then whichever is nearer moves. */
+  /**
+   * Put the next cursor at a time: the first, then the second, then whichever is nearer moves.
+   * @param {number} t
+   */
   place(t) {
     const { a, b } = this.cursors;
     if (a === null) this.cursor("a", t);
@@ -165,6 +236,10 @@ export class Plot {
     else this.cursor(Math.abs(t - a) <= Math.abs(t - b) ? "a" : "b", t);
   }
 
+  /**
+   * @param {number} index
+   * @param {boolean} shown
+   */
   show(index, shown) {
     this.series[index].shown = shown;
     this._makePanels();
@@ -178,6 +253,7 @@ export class Plot {
     this._dirty();
   }
 
+  /** @param {number} index */
   colour(index) { return colourOf(this.element, this.series[index].colour); }
   get theme() { return (this._theme ??= themeOf(this.element)); }
 
@@ -191,7 +267,7 @@ export class Plot {
   destroy() {
     this._stopTheme();
     this._resized.disconnect();
-    this._stopInput?.();
+    this._stopInput();
     for (const panel of this._panels) panel.chart.destroy();
     this._panels = [];
     cancelAnimationFrame(this._frame);
@@ -204,45 +280,39 @@ export class Plot {
 
   _build() {
     this.element.classList.add("hx-plot");
-    this.stack = document.createElement("div");
     this.stack.className = "hx-plot-stack";
     this.stack.tabIndex = 0;
     this.stack.setAttribute("role", "group");
     this.stack.setAttribute("aria-label", `${this.options.title || "Plot"}. Keys: plus and minus zoom, arrows move, `
       + "space pauses, A and B set the cursors, Delete removes them, 0 shows everything.");
-    this.status = document.createElement("div");
     this.status.className = "hx-plot-status";
     this.status.setAttribute("role", "status");
-    this.toolbar = this.options.toolbar ? makeToolbar(this) : null;
-    this.legend = this.options.legend ? new Legend(this) : null;
-    this.element.replaceChildren(
-      ...[this.toolbar?.element, this.stack, this.legend?.element, this.status].filter(Boolean));
-    this._stopInput = followInput(this);
+    this.element.replaceChildren(...[this.toolbar?.element, this.stack, this.legend?.element, this.status].flatMap((part) => part ?? []));
   }
 
   _makePanels() {
     for (const panel of this._panels) panel.chart.destroy();
     this.stack.replaceChildren();
+    /** @type {Map<string, number[]>} */
     const units = new Map();
     this.series.forEach((one, i) => {
-      if (!one.shown) return;
       const key = one.panel ?? one.unit;
-      if (!units.has(key)) units.set(key, []);
-      units.get(key).push(i);
+      if (one.shown) units.set(key, [...(units.get(key) ?? []), i]);
     });
-    this._panels = [...units.values()].map((shown) => ({
-      shown, unit: this.series[shown[0]].unit, colours: shown.map((s) => this.colour(s)), y: [0, 1],
+    const groups = units.size ? [...units.values()] : [[]];
+    this._panels = groups.map((shown, i) => ({
+      shown, unit: shown.length ? this.series[shown[0]].unit : "", colours: shown.map((s) => this.colour(s)), y: [0, 1],
+      last: i === groups.length - 1, chart: null,
     }));
-    if (!this._panels.length) this._panels = [{ shown: [], unit: "", colours: [], y: [0, 1] }];
-    this._panels.forEach((panel, i) => {
-      panel.last = i === this._panels.length - 1;
+    this._panels.forEach((panel) => {
       panel.chart = new uPlot(this._chartOptions(panel), [[], ...panel.shown.map(() => [])], this.stack);
     });
     this._layout();
   }
 
+  /** @param {Panel} panel */
   _chartOptions(panel) {
-    const theme = (name) => () => this.theme[name];
+    const theme = (/** @type {keyof ReturnType<typeof themeOf>} */ name) => () => this.theme[name];
     const axis = { stroke: theme("muted"), font: FONT, labelFont: FONT, grid: { stroke: theme("grid"), width: 1 },
       ticks: { stroke: theme("line"), width: 1, size: 4 }, gap: 4 };
     return {
@@ -255,26 +325,36 @@ export class Plot {
       scales: { x: { time: false, range: () => this.range }, y: { range: () => panel.y } },
       axes: [
         { ...axis, size: panel.last ? BOTTOM - 18 : 0, labelSize: 18, label: panel.last ? "time, s" : undefined,
-          space: 70, incrs: STEPS, splits: (u, i, from, to, step) => this._splits(from, to, step), values: (u, splits) => (panel.last ? this._times(u, splits) : splits.map(() => "")) },
-        { ...axis, size: GUTTER - 18, labelSize: 18, label: " ", space: (u) => (u.height < 200 ? 22 : 40),
-          values: (u, splits) => splits.map((v) => String(Number(v.toPrecision(12))).replace("-", "−")) },
+          space: 70, incrs: STEPS, splits: (/** @type {Untyped} */ u, /** @type {number} */ i, /** @type {number} */ from, /** @type {number} */ to, /** @type {number} */ step) => this._splits(from, to, step),
+          values: (/** @type {Untyped} */ u, /** @type {number[]} */ splits) => (panel.last ? this._times(u, splits) : splits.map(() => "")) },
+        { ...axis, size: GUTTER - 18, labelSize: 18, label: " ", space: (/** @type {Untyped} */ u) => (u.height < 200 ? 22 : 40),
+          values: (/** @type {Untyped} */ u, /** @type {number[]} */ splits) => splits.map((v) => String(Number(v.toPrecision(12))).replace("-", "−")) },
       ],
       series: [{}, ...panel.shown.map((s, i) => ({
         scale: "y", stroke: () => panel.colours[i], width: panel.shown.length > 3 ? 1 : 1.5, dash: this.series[s].dash,
         points: { show: false }, spanGaps: false,
       }))],
-      hooks: { draw: [(u) => this._drawMarks(u, panel)], setCursor: [(u) => this._hovered(u)] },
+      hooks: { draw: [(/** @type {Untyped} */ u) => this._drawMarks(u, panel)], setCursor: [(/** @type {Untyped} */ u) => this._hovered(u)] },
     };
   }
 
-  /** What a panel shows, with its unit, as long as there is room for it. */
+  /**
+   * What a panel shows, with its unit, as long as there is room for it.
+   * @param {Panel} panel
+   * @param {number} height
+   */
   _panelLabel(panel, height) {
     const names = [...new Set(panel.shown.map((s) => this.series[s].quantity).filter(Boolean))];
     const words = [names.join(" and "), names.length > 1 ? "" : names[0], ""].map((one) => [one, panel.unit].filter(Boolean).join(", "));
     return words.find((one) => one.length * 6.4 < height) || " ";
   }
 
-  /** Round times as they are written, counted from the origin. */
+  /**
+   * Round times as they are written, counted from the origin.
+   * @param {number} from
+   * @param {number} to
+   * @param {number} step
+   */
   _splits(from, to, step) {
     const { origin } = this.options;
     const found = [];
@@ -282,6 +362,10 @@ export class Plot {
     return found;
   }
 
+  /**
+   * @param {Untyped} u
+   * @param {number[]} splits
+   */
   _times(u, splits) {
     const step = splits.length > 1 ? splits[1] - splits[0] : 1;
     const shown = splits.map((t) => t - this.options.origin);
@@ -345,14 +429,21 @@ export class Plot {
     this._say();
   }
 
+  /**
+   * @param {Untyped} u
+   * @param {Panel} panel
+   */
   _drawMarks(u, panel) {
-    const { ctx, bbox } = u;
+    const { bbox } = u;
+    /** @type {CanvasRenderingContext2D} */
+    const ctx = u.ctx;
     const ratio = uPlot.pxRatio;
     const first = panel === this._panels[0];
     ctx.save();
     ctx.font = FONT.replace("12px", `${12 * ratio}px`);
     ctx.textBaseline = "top";
     ctx.textAlign = "left";
+    /** @type {(t: number, text: string, colour: string, dash: number[], width: number) => void} */
     const line = (t, text, colour, dash, width) => {
       const x = u.valToPos(t, "x", true);
       if (!(x >= bbox.left - 1 && x <= bbox.left + bbox.width + 1)) return;
@@ -371,12 +462,14 @@ export class Plot {
       ctx.fillText(text, left + 3 * ratio, bbox.top + 1.5 * ratio);
     };
     for (const mark of this.marks) line(mark.t, mark.text, this.theme.muted, [2, 3], 1);
-    for (const name of ["a", "b"]) {
-      if (this.cursors[name] !== null) line(this.cursors[name], name.toUpperCase(), this.theme.text, [], 1.25);
+    for (const name of CURSORS) {
+      const t = this.cursors[name];
+      if (t !== null) line(t, name.toUpperCase(), this.theme.text, [], 1.25);
     }
     ctx.restore();
   }
 
+  /** @param {Untyped} u */
   _hovered(u) {
     const left = u.cursor.left;
     const now = left >= 0 ? u.posToVal(left, "x") : null;
@@ -387,24 +480,30 @@ export class Plot {
   }
 
   _say() {
-    const said = ["a", "b"].filter((name) => this.cursors[name] !== null)
-      .map((name) => `cursor ${name.toUpperCase()} at ${timeText(this.cursors[name] - this.options.origin)} s`);
+    const said = CURSORS.flatMap((name) => {
+      const t = this.cursors[name];
+      return t === null ? [] : [`cursor ${name.toUpperCase()} at ${timeText(t - this.options.origin)} s`];
+    });
     clearTimeout(this._saying);
     // Only where a cursor comes to rest.
     this._saying = setTimeout(() => { this.status.textContent = said.join(", "); }, 600);
   }
 
-  /** Values of a series: {now, a, b}; NaN where unknown. */
+  /**
+   * Values of a series; NaN where unknown.
+   * @param {number} index
+   */
   values(index) {
     const { columns } = this;
-    const at = (t) => {
+    const at = (/** @type {number | null} */ t) => {
       const row = t === null ? -1 : columns.nearest(t);
       // Beside the data nothing is known.
-      return row < 0 || Math.abs(columns.time(row) - t) > Math.max(0.2, 5 * this._interval) ? NaN : columns.value(index, row);
+      return t === null || row < 0 || Math.abs(columns.time(row) - t) > Math.max(0.2, 5 * this._interval) ? NaN : columns.value(index, row);
     };
     return { now: this.hover === null ? columns.newest(index) : at(this.hover), a: at(this.cursors.a), b: at(this.cursors.b) };
   }
 
+  /** @param {number} index */
   digits(index) { return digitsOf(this.series[index]); }
 }
 

@@ -9,7 +9,19 @@
 const LEVELS = [8, 64, 512];
 const STEP = LEVELS[LEVELS.length - 1];
 
+/** @typedef {Float64Array | Float32Array | (number | null)[]} Column */
+
 export class Columns {
+  length = 0;
+  _room = 0;
+  _time = new Float64Array(0);
+  /** @type {Float32Array[]} */
+  _rows = [];
+  /** @type {Float32Array[][]} */
+  _low = [];
+  /** @type {Float32Array[][]} */
+  _high = [];
+
   /**
    * @param {number} width number of columns beside the time
    * @param {number} capacity most rows that are kept; the oldest eighth is dropped when they are full
@@ -38,7 +50,11 @@ export class Columns {
     return this._room * (8 + 4 * this.width * share);
   }
 
-  /** Add a row; one that is not later than the last is left out. Returns whether it was added. */
+  /**
+   * Add a row; one that is not later than the last is left out. Returns whether it was added.
+   * @param {number} t
+   * @param {ArrayLike<number | null | undefined>} values
+   */
   append(t, values) {
     if (!Number.isFinite(t) || t <= this.last) return false;
     this._reserve(this.length + 1);
@@ -53,31 +69,40 @@ export class Columns {
     return true;
   }
 
-  /** Replace all rows: columns[0] are the times, rising; the others follow. Only the newest are kept if they are too many. */
+  /**
+   * Replace all rows: columns[0] are the times, rising; the others follow. Only the newest are kept if they are too many.
+   * @param {Column[]} columns
+   */
   set(columns) {
     this.clear();
     const [times, ...rest] = columns;
     const from = Math.max(0, times.length - this.capacity);
     const count = times.length - from;
     this._reserve(count);
-    this._time.set(times.subarray ? times.subarray(from) : times.slice(from));
+    this._time.set(newest(times, from));
     for (let s = 0; s < this.width; s++) {
       const row = rest[s];
-      if (row) this._rows[s].set(row.subarray ? row.subarray(from) : Float32Array.from(row.slice(from), numberOf));
+      if (row) this._rows[s].set(newest(row, from));
       else this._rows[s].fill(NaN, 0, count);
     }
     this.length = count;
     this._fold(0);
   }
 
-  /** Drop rows before a time, in whole groups. */
+  /**
+   * Drop rows before a time, in whole groups.
+   * @param {number} before
+   */
   trim(before) {
     const rows = Math.floor(this.index(before) / STEP) * STEP;
     // Moving rows costs time, so it is done seldom.
     if (rows >= Math.max(STEP, this.capacity / 8)) this._drop(rows);
   }
 
-  /** Index of the first row at or after a time. */
+  /**
+   * Index of the first row at or after a time.
+   * @param {number} t
+   */
   index(t) {
     let low = 0, high = this.length;
     while (low < high) {
@@ -88,17 +113,28 @@ export class Columns {
     return low;
   }
 
-  /** Index of the row nearest to a time; -1 if there is no row. */
+  /**
+   * Index of the row nearest to a time; -1 if there is no row.
+   * @param {number} t
+   */
   nearest(t) {
     const at = this.index(t);
     if (at >= this.length) return this.length - 1;
     return at > 0 && t - this._time[at - 1] < this._time[at] - t ? at - 1 : at;
   }
 
+  /** @param {number} row */
   time(row) { return this._time[row]; }
+  /**
+   * @param {number} series
+   * @param {number} row
+   */
   value(series, row) { return row < 0 || row >= this.length ? NaN : this._rows[series][row]; }
 
-  /** Newest known value of a series within the last second: an older one is no value of now. */
+  /**
+   * Newest known value of a series within the last second: an older one is no value of now.
+   * @param {number} series
+   */
   newest(series) {
     const since = this._time[this.length - 1] - 1;
     for (let row = this.length - 1; row >= 0 && this._time[row] > since; row--) {
@@ -109,7 +145,11 @@ export class Columns {
 
   /**
    * What a screen shows between two times: at most `most` groups of rows, of each the least and the greatest value.
-   * @returns {{data: Array, low: number, high: number}} uPlot's columns, and the least and greatest value of them
+   * @param {number} from
+   * @param {number} to
+   * @param {number} most
+   * @param {number[]} series
+   * @returns {{ data: (number | null)[][], low: number, high: number }} uPlot's columns, and the least and greatest value of them
    */
   view(from, to, most, series) {
     const start = Math.max(0, this.index(from) - 1);
@@ -119,7 +159,13 @@ export class Columns {
     return stride === 1 ? this._raw(start, end, series) : this._grouped(start, end, stride, series);
   }
 
+  /**
+   * @param {number} start
+   * @param {number} end
+   * @param {number[]} series
+   */
   _raw(start, end, series) {
+    /** @type {(number | null)[][]} */
     const data = [Array.from(this._time.subarray(start, end))];
     let low = Infinity, high = -Infinity;
     for (const s of series) {
@@ -139,6 +185,12 @@ export class Columns {
     return { data, low, high };
   }
 
+  /**
+   * @param {number} start
+   * @param {number} end
+   * @param {number} stride
+   * @param {number[]} series
+   */
   _grouped(start, end, stride, series) {
     const level = stride >= 512 ? 2 : stride >= 64 ? 1 : stride >= 8 ? 0 : -1;
     const size = level < 0 ? 1 : LEVELS[level];
@@ -153,6 +205,7 @@ export class Columns {
       x[2 * g + 1] = this._time[Math.min(row + stride / 2, end - 1)];
       if (x[2 * g + 1] <= x[2 * g]) x[2 * g + 1] = x[2 * g] + 1e-9;
     }
+    /** @type {(number | null)[][]} */
     const data = [x];
     const entries = Math.ceil(end / size);
     let low = Infinity, high = -Infinity;
@@ -179,7 +232,10 @@ export class Columns {
     return { data, low, high };
   }
 
-  /** Bring the minima and maxima up to date from a row on. */
+  /**
+   * Bring the minima and maxima up to date from a row on.
+   * @param {number} from
+   */
   _fold(from) {
     for (let s = 0; s < this.width; s++) {
       const row = this._rows[s];
@@ -196,6 +252,7 @@ export class Columns {
     }
   }
 
+  /** @param {number} rows */
   _reserve(rows) {
     if (rows <= this._room) return;
     if (this._room >= this.capacity) {
@@ -203,13 +260,14 @@ export class Columns {
       return;
     }
     this._room = Math.min(this.capacity, Math.max(STEP, 2 * this._room, Math.ceil(rows / STEP) * STEP));
-    this._time = grown(this._time, this._room);
-    this._rows = this._rows.map((row) => grown(row, this._room));
+    this._time = filled(new Float64Array(this._room), this._time);
+    this._rows = this._rows.map((row) => filled(new Float32Array(this._room), row));
     for (const part of [this._low, this._high]) {
-      LEVELS.forEach((size, k) => { part[k] = part[k].map((row) => grown(row, this._room / size)); });
+      LEVELS.forEach((size, k) => { part[k] = part[k].map((row) => filled(new Float32Array(this._room / size), row)); });
     }
   }
 
+  /** @param {number} rows */
   _drop(rows) {
     this._time.copyWithin(0, rows, this.length);
     for (const row of this._rows) row.copyWithin(0, rows, this.length);
@@ -220,10 +278,21 @@ export class Columns {
   }
 }
 
-function grown(old, room) {
-  const made = new old.constructor(room);
+/**
+ * @template {Float32Array | Float64Array} T
+ * @param {T} made
+ * @param {T} old
+ */
+function filled(made, old) {
   made.set(old);
   return made;
 }
 
-function numberOf(value) { return value === null || value === undefined ? NaN : value; }
+/**
+ * The rows of a column from one on; what is unknown is NaN.
+ * @param {Column} column
+ * @param {number} from
+ */
+function newest(column, from) {
+  return Array.isArray(column) ? column.slice(from).map((value) => value ?? NaN) : column.subarray(from);
+}

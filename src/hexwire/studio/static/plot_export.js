@@ -2,15 +2,21 @@
 
 import { FONT, timeText, uPlot, valueText } from "./plot_look.js";
 
-/** @returns {Promise<Blob>} PNG in the colours of the page */
+/** @typedef {import("./plot.js").Plot} Plot */
+
+/**
+ * @param {Plot} plot
+ * @returns {Promise<Blob>} PNG in the colours of the page
+ */
 export function picture(plot) {
   const ratio = uPlot.pxRatio;
   const charts = plot._panels.map((panel) => panel.chart.ctx.canvas);
   const width = Math.max(...charts.map((one) => one.width));
   const shown = plot.series.map((_, i) => i).filter((i) => plot.series[i].shown);
-  const font = (size, weight = "") => `${weight} ${FONT.replace("12px", `${size * ratio}px`)}`.trim();
+  const font = (/** @type {number} */ size, weight = "") => `${weight} ${FONT.replace("12px", `${size * ratio}px`)}`.trim();
   const canvas = document.createElement("canvas");
   const ctx = canvas.getContext("2d");
+  if (!ctx) throw new Error("no picture");
   const pad = 12 * ratio, line = 18 * ratio;
 
   ctx.font = font(12);
@@ -50,6 +56,10 @@ export function picture(plot) {
   return new Promise((done, failed) => canvas.toBlob((blob) => (blob ? done(blob) : failed(new Error("no picture"))), "image/png"));
 }
 
+/**
+ * @param {Plot} plot
+ * @param {number} i
+ */
 function legendText(plot, i) {
   const one = plot.series[i], v = plot.values(i), digits = plot.digits(i);
   const found = [];
@@ -59,11 +69,12 @@ function legendText(plot, i) {
   return `${one.name}${one.unit ? `, ${one.unit}` : ""}${found.length ? `: ${found.join("  ")}` : ""}`;
 }
 
+/** @param {Plot} plot */
 function cursorText(plot) {
   const { a, b } = plot.cursors, origin = plot.options.origin;
   const said = [];
   if (a !== null) said.push(`A at ${timeText(a - origin)} s`);
   if (b !== null) said.push(`B at ${timeText(b - origin)} s`);
-  if (said.length === 2) said.push(`B − A: ${timeText(b - a)} s`);
+  if (a !== null && b !== null) said.push(`B − A: ${timeText(b - a)} s`);
   return said.join("    ");
 }

@@ -8,16 +8,23 @@ import { put } from "./widgets.js";
 const PERIOD = 100; // ms
 
 export class Legend {
+  _timer = 0;
+  /** @type {HTMLElement[]} */
+  _heads = [];
+  /** @type {{ line: HTMLElement, box: HTMLInputElement, cells: HTMLElement[] }[]} */
+  _rows = [];
+  _table = document.createElement("table");
+
+  /** @param {import("./plot.js").Plot} plot */
   constructor(plot) {
     this.plot = plot;
     this.element = document.createElement("div");
     this.element.className = "hx-plot-legend";
-    this._timer = 0;
   }
 
   build() {
     const { plot } = this;
-    const table = document.createElement("table");
+    const table = (this._table = document.createElement("table"));
     const head = table.createTHead().insertRow();
     this._heads = ["", "unit", "now", "A", "B", "B − A"].map((text) => {
       const cell = document.createElement("th");
@@ -70,13 +77,13 @@ export class Legend {
     const { plot } = this;
     const { a, b } = plot.cursors;
     const origin = plot.options.origin;
-    const at = (t) => (t === null ? "" : ` ${timeText(t - origin)} s`);
+    const at = (/** @type {number | null} */ t) => (t === null ? "" : ` ${timeText(t - origin)} s`);
     put(this._heads[2], plot.hover === null ? (plot.options.live ? "now" : "end") : `at${at(plot.hover)}`);
     put(this._heads[3], `A${at(a)}`);
     put(this._heads[4], `B${at(b)}`);
     put(this._heads[5], a !== null && b !== null ? `B − A ${timeText(b - a)} s` : "B − A");
     for (const [name, shown] of Object.entries({ 4: a !== null, 5: b !== null, 6: a !== null && b !== null })) {
-      this.element.firstElementChild.classList.toggle(`without-${name}`, !shown);
+      this._table.classList.toggle(`without-${name}`, !shown);
     }
     this._rows.forEach((row, i) => {
       const digits = plot.digits(i);

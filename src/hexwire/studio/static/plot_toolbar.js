@@ -1,8 +1,11 @@
 // The row of buttons above a plot. Owns them; what they do is the plot's.
 
+import { CURSORS } from "./plot_look.js";
+
 /** @type {[number, string][]} */
 const WINDOWS = [[5, "5 s"], [10, "10 s"], [30, "30 s"], [60, "1 min"], [180, "3 min"], [600, "10 min"]];
 
+/** @param {import("./plot.js").Plot} plot */
 export function makeToolbar(plot) {
   const element = document.createElement("div");
   element.className = "hx-plot-bar";
@@ -10,6 +13,7 @@ export function makeToolbar(plot) {
   element.setAttribute("aria-label", `${plot.options.title || "Plot"}: view`);
   const live = plot.options.live;
 
+  /** @type {(text: string, label: string, act: () => unknown) => HTMLButtonElement} */
   const button = (text, label, act) => {
     const made = document.createElement("button");
     made.type = "button";
@@ -25,9 +29,8 @@ export function makeToolbar(plot) {
   title.textContent = plot.options.title;
   element.append(title);
   const pause = live ? button("Pause", "Pause", () => (plot.paused ? plot.resume() : plot.pause())) : null;
-  let windows = null;
-  if (live) {
-    windows = document.createElement("select");
+  const windows = live ? document.createElement("select") : null;
+  if (windows) {
     windows.setAttribute("aria-label", "Time shown");
     for (const [seconds, text] of WINDOWS) windows.append(new Option(text, String(seconds)));
     windows.append(new Option("other", "other"));
@@ -37,7 +40,7 @@ export function makeToolbar(plot) {
   button("+", "Zoom in", () => plot.scale(0.7));
   button("−", "Zoom out", () => plot.scale(1 / 0.7));
   button("All", "Show everything", () => plot.showAll());
-  const cursors = new Map(["a", "b"].map((name) => [name, button(name.toUpperCase(), `Cursor ${name.toUpperCase()}`, () => {
+  const cursors = new Map(CURSORS.map((name) => [name, button(name.toUpperCase(), `Cursor ${name.toUpperCase()}`, () => {
     const [from, to] = plot.range;
     plot.cursor(name, plot.cursors[name] === null ? from + (name === "a" ? 0.35 : 0.65) * (to - from) : null);
   })]));
@@ -52,8 +55,8 @@ export function makeToolbar(plot) {
   const update = () => {
     if (pause) {
       pause.textContent = plot.paused ? "Follow" : "Pause";
-      pause.setAttribute("aria-label", plot.paused ? "Follow the newest values" : "Pause");
-      pause.title = pause.getAttribute("aria-label");
+      pause.title = plot.paused ? "Follow the newest values" : "Pause";
+      pause.setAttribute("aria-label", pause.title);
       pause.classList.toggle("on", plot.paused);
     }
     if (windows) {

@@ -6,16 +6,32 @@ import hexwire from "./live.js";
 import { Plot } from "./plot.js";
 import { fetchColumns, save } from "./columns.js";
 import { ARM_SIGNALS, JOINT_SIGNALS, jointSeries, valuesOf } from "./signals.js";
-import { loadSheet, make, chips } from "./widgets.js";
+import { loadSheet, make, chips, whyOf } from "./widgets.js";
 
 const STORE = "hexwire-plots";
 
-export async function mount(element, args) {
+/**
+ * What is chosen; null: nothing was chosen yet.
+ * @typedef {{ joints: string[] | null, signals: string[], arm: string[] }} Chosen
+ *
+ * A series, and what it shows: of one joint, or of the arm.
+ * @typedef {import("./plot.js").SeriesOptions} SeriesOptions
+ * @typedef {{ series: SeriesOptions, signal: import("./signals.js").JointSignal, joint: string, index: number }} JointRow
+ * @typedef {{ series: SeriesOptions, signal: import("./signals.js").ArmSignal, joint?: undefined, index?: undefined }} ArmRow
+ */
+
+/** @param {HTMLElement} element */
+export async function mount(element) {
   element.classList.add("pl-page");
   await loadSheet("/static/plots.css");
   if (!element.isConnected) return;
+  /** @type {Chosen} */
   const chosen = { joints: null, signals: ["position", "goal"], arm: [], ...stored() };
-  const state = { plot: null, model: null, origin: null, offset: 0, waiting: null, last: -Infinity, round: 0 };
+  /**
+   * `model`: names of the joints; `waiting`: frames that came while the past was asked for.
+   * @type {{ plot: Plot | null, rows: (JointRow | ArmRow)[], model: string[], origin: number | null, waiting: Frame[] | null, last: number, round: number }}
+   */
+  const state = { plot: null, rows: [], model: [], origin: null, waiting: null, last: -Infinity, round: 0 };
   const pick = make("div", { className: "pl-pick" });
   const note = make("p", { className: "pl-note", role: "status" });
   const place = make("div", { className: "pl-plot" });
@@ -32,13 +48,13 @@ export async function mount(element, args) {
     button.addEventListener("click", () => exported(kind, button));
     exports.append(button);
   }
-  const all = make("label", {}, make("input", { type: "checkbox", id: "pl-all" }), " all ten minutes");
+  const whole = make("input", { type: "checkbox", id: "pl-all" });
   exports.prepend(make("span", { textContent: "Save:" }));
-  exports.append(all);
+  exports.append(make("label", {}, whole, " all ten minutes"));
 
   hexwire.onHello((model) => model.joints.length ? begin(model) : end("No arm is open."), element);
   hexwire.onFrame((frame) => add(frame), element);
-  hexwire.onLink((there) => there && state.model && refill(), element);
+  hexwire.onLink((there) => there && state.model.length && refill(), element);
   if (!hexwire.model.joints.length) end(hexwire.facts && hexwire.facts.mode === "bus"
     ? "A bare servo bus is open: its values are on the page Servos." : "No arm is open. Open one on the page Arms.");
   let tall = window.innerHeight;
@@ -52,8 +68,9 @@ export async function mount(element, args) {
     state.plot?.destroy();
   }, 1000);
 
+  /** @param {string} text */
   function end(text) {
-    state.model = null;
+    state.model = [];
     state.plot?.destroy();
     state.plot = null;
     pick.replaceChildren();
@@ -61,16 +78,17 @@ export async function mount(element, args) {
     note.textContent = text;
   }
 
+  /** @param {Hello} model */
   function begin(model) {
     const names = model.joints.map((joint) => joint.name);
-    const same = state.model && state.model.join() === names.join();
+    const same = state.model.join() === names.join();
     state.model = names;
     state.last = -Infinity;
     state.origin = null;
     exports.hidden = false;
     if (!same || !state.plot) {
-      chosen.joints = (chosen.joints ?? names).filter((name) => names.includes(name));
-      if (!chosen.joints.length) chosen.joints = names;
+      const kept = (chosen.joints ?? names).filter((name) => names.includes(name));
+      chosen.joints = kept.length ? kept : names;
       choices();
       plot();
     }
@@ -78,10 +96,11 @@ export async function mount(element, args) {
   }
 
   function choices() {
+    /** @type {(key: keyof Chosen) => (values: string[]) => void} */
     const changed = (key) => (values) => { chosen[key] = values; store(); plot(); refill(); };
     pick.replaceChildren(
       chips("Joints", state.model.map((name, i) => ({ key: name, text: name, colour: `--joint-${(i % 8) + 1}` })),
-        chosen.joints, changed("joints"), { all: true }),
+        chosen.joints ?? [], changed("joints"), { all: true }),
       chips("Signals", JOINT_SIGNALS.map((one) => ({ key: one.key, text: one.words, unit: one.unit })),
         chosen.signals, changed("signals")),
       chips("Arm", ARM_SIGNALS.map((one) => ({ key: one.key, text: one.words, unit: one.unit })), chosen.arm, changed("arm")),
@@ -90,10 +109,11 @@ export async function mount(element, args) {
 
   /** What is drawn: pairs of series and how its values are found. */
   function rows() {
+    /** @type {(JointRow | ArmRow)[]} */
     const found = [];
     for (const signal of JOINT_SIGNALS.filter((one) => chosen.signals.includes(one.key))) {
       state.model.forEach((joint, i) => {
-        if (chosen.joints.includes(joint)) found.push({ series: jointSeries(joint, i, signal), signal, joint, index: i });
+        if (chosen.joints?.includes(joint)) found.push({ series: jointSeries(joint, i, signal), signal, joint, index: i });
       });
     }
     ARM_SIGNALS.filter((one) => chosen.arm.includes(one.key)).forEach((signal, i) => {
@@ -114,7 +134,6 @@ export async function mount(element, args) {
       keep: 600, capacity: 66048, window: before?.window ?? 30, origin: state.origin ?? 0 };
     before?.destroy();
     state.plot = new Plot(place, options);
-    state.plot.toolbar.element.querySelector(".hx-plot-title").textContent = "";
     note.textContent = state.rows.length ? "" : "Choose a signal.";
   }
 
@@ -125,7 +144,7 @@ export async function mount(element, args) {
     try {
       found = await fetchColumns("/data/history");
     } catch (error) {
-      if (round === state.round) { note.textContent = error.message; state.waiting = null; }
+      if (round === state.round) { note.textContent = whyOf(error); state.waiting = null; }
       return;
     }
     if (round !== state.round || !state.plot) return;
@@ -137,45 +156,49 @@ export async function mount(element, args) {
     state.last = found.times.length ? found.times[found.times.length - 1] : -Infinity;
     const waiting = state.waiting;
     state.waiting = null;
-    waiting.forEach(add);
+    waiting?.forEach(add);
   }
 
+  /** @param {Frame} frame */
   function add(frame) {
-    if (!state.plot || !state.model || frame.position.length !== state.model.length) return;
+    if (!state.plot || !state.model.length || frame.position.length !== state.model.length) return;
     if (state.waiting) { state.waiting.push(frame); return; }
     if (frame.time <= state.last) return;
     state.last = frame.time;
     if (state.origin === null) state.plot.options.origin = state.origin = frame.time;
-    const facts = hexwire.facts ?? {};
+    const { facts } = hexwire;
+    const ofArm = { rate: facts?.rate, round_trip: facts?.round_trip_ms, faults: facts?.faults?.length };
     state.plot.append(frame.time, state.rows.map(({ signal, index }) => {
-      if (index === undefined) {
-        return { rate: facts.rate, round_trip: facts.round_trip_ms, faults: facts.faults?.length }[signal.key] ?? NaN;
-      }
+      if (index === undefined) return ofArm[signal.key] ?? NaN;
       if (!frame.known[index]) return NaN; // what it was is no value of now
       if (signal.key === "error") return signal.factor * (frame.goal[index] - frame.position[index]);
       return signal.factor * frame[signal.key][index];
     }));
   }
 
+  /**
+   * @param {string} kind
+   * @param {HTMLButtonElement} button
+   */
   async function exported(kind, button) {
-    const whole = /** @type {HTMLInputElement} */ (document.getElementById("pl-all")).checked;
+    if (!state.plot) return;
     const [from, to] = state.plot.range;
     // Of a difference, the two values that it is of.
-    const kept = ({ signal, joint }) => (signal.key === "error" ? ["goal", "position"] : [signal.key])
+    const kept = (/** @type {JointRow | ArmRow} */ { signal, joint }) => (signal.key === "error" ? ["goal", "position"] : [signal.key])
       .map((key) => (joint ? `${joint}.${key}` : key));
     const columns = [...new Set(state.rows.flatMap(kept))];
     button.disabled = true;
     note.textContent = "";
     try {
-      await save(`/data/history.${kind}`, { ...(whole ? {} : { from, to }), ...(kind === "csv" ? { columns: columns.join() } : {}) });
+      await save(`/data/history.${kind}`, { ...(whole.checked ? {} : { from, to }), ...(kind === "csv" ? { columns: columns.join() } : {}) });
     } catch (error) {
-      note.textContent = error.message;
+      note.textContent = whyOf(error);
     }
     button.disabled = false;
   }
 
   function stored() {
-    try { return JSON.parse(localStorage.getItem(STORE)) ?? {}; } catch { return {}; }
+    try { return JSON.parse(localStorage.getItem(STORE) ?? "{}"); } catch { return {}; }
   }
 
   function store() {

@@ -1,18 +1,35 @@
 // The page Recordings: the list, recording the session, files in and out. recordings_view.js shows one or two of them,
 // recordings_play.js plays one.
 
-import hexwire from "./live.js";
+import hexwire, { all } from "./live.js";
 import { ask, save, withQuery } from "./columns.js";
-import { loadSheet, make } from "./widgets.js";
+import { loadSheet, make, whyOf } from "./widgets.js";
 import { makeView } from "./recordings_view.js";
 
 const LOOK = 1500; // ms between two looks at the list
 
+/**
+ * What the parts of the page share. `act` asks, and resolves to undefined after an error was shown, which is `refusal` then.
+ * @typedef {{
+ *   args: Visitor, state: { list: RecordingList | null, refusal: string }, outdate: () => void,
+ *   act: <N extends keyof Calls>(name: N, args?: Calls[N]["args"]) => Promise<Calls[N]["answer"] | undefined>,
+ *   entry: (name: string) => Recording | undefined
+ * }} RecordingsPage
+ */
+
+/**
+ * @param {HTMLElement} element
+ * @param {Visitor} args
+ */
 export async function mount(element, args) {
   element.classList.add("pl-page");
   await Promise.all([loadSheet("/static/plots.css"), loadSheet("/static/recordings.css")]);
   if (!element.isConnected) return;
   const none = `No recordings yet.${args.operates ? " Record the arm, add a file, or use hexwire --record FILE.mcap." : ""}`;
+  /**
+   * @type {{ list: RecordingList | null, chosen: string, rows: Map<string, { key: string, made: HTMLTableRowElement }>, asked: number,
+   *   shown: number, outdated: number, looking: number, lost: boolean, refusal: string }}
+   */
   const state = { list: null, chosen: "", rows: new Map(), asked: 0, shown: 0, outdated: 0, looking: 0, lost: false, refusal: "" };
   const note = make("p", { className: "pl-note rc-note", role: "status" });
   const record = button("Record the arm", toggleRecord, "rc-record");
@@ -35,7 +52,8 @@ export async function mount(element, args) {
   const frame = make("div", { className: "rc-scroll" }, table);
   const place = make("div", { className: "rc-view" });
   element.replaceChildren(bar, note, frame, remark, place);
-  const page = { element, args, state, act, say, outdate, entry: (name) => state.list?.entries.find((one) => one.name === name), choose };
+  /** @type {RecordingsPage} */
+  const page = { args, state, act, outdate, entry: (name) => state.list?.entries.find((one) => one.name === name) };
   const view = makeView(page, place);
 
   file.addEventListener("change", upload);
@@ -47,6 +65,7 @@ export async function mount(element, args) {
   hexwire.onHello(() => look(), element);
   if (!state.looking) look();
 
+  /** @param {string} text */
   function say(text, bad = false) {
     note.textContent = text;
     note.dataset.level = bad ? "error" : "";
@@ -55,6 +74,7 @@ export async function mount(element, args) {
   /** What was asked for until now, and has not come yet, is not true any more. */
   function outdate() { state.outdated = state.asked; }
 
+  /** @returns {Promise<void>} */
   async function look() {
     if (!hexwire.connected) return;
     state.looking += 1;
@@ -69,7 +89,7 @@ export async function mount(element, args) {
       state.lost = false;
     } catch (error) {
       state.lost = true;
-      say(error.message, true);
+      say(whyOf(error), true);
       return;
     } finally {
       state.looking -= 1;
@@ -78,18 +98,23 @@ export async function mount(element, args) {
     view.update(state.list);
   }
 
-  /** Ask the server for something. Its answer, true if it has none; null after an error was shown. */
+  /**
+   * Ask the server for something. Undefined after an error was shown.
+   * @template {keyof Calls} N
+   * @param {N} name
+   * @param {Calls[N]["args"]} args
+   */
   async function act(name, args = {}) {
     say("");
     try {
       const found = await hexwire.call(name, args);
       await look();
-      return found ?? true;
+      return found;
     } catch (error) {
       outdate();
-      state.refusal = error.message;
-      say(error.message, true);
-      return null;
+      state.refusal = whyOf(error);
+      say(state.refusal, true);
+      return undefined;
     }
   }
 
@@ -97,12 +122,12 @@ export async function mount(element, args) {
     if (!state.list.recorder.name) await act("recordings.record", { cameras: seen.checked });
     else {
       const ended = await act("recordings.end");
-      if (ended) say(ended);
+      if (ended !== undefined) say(ended);
     }
   }
 
   async function upload() {
-    const [chosen] = file.files;
+    const chosen = file.files?.[0];
     file.value = "";
     if (!chosen) return;
     if (state.list && chosen.size > state.list.largest) {
@@ -112,15 +137,17 @@ export async function mount(element, args) {
     say(`adding ${chosen.name} …`);
     try {
       const answer = await ask(withQuery("/data/recording", { name: chosen.name }), { method: "POST", body: chosen });
+      /** @type {{ name: string, problem: string }} */
       const found = await answer.json();
       say(`${found.name} was added${found.problem ? `: ${found.problem}` : ""}`);
       await look();
       choose(found.name);
     } catch (error) {
-      say(`${chosen.name}: ${error.message}`, true);
+      say(`${chosen.name}: ${whyOf(error)}`, true);
     }
   }
 
+  /** @param {string} name */
   function choose(name) {
     state.chosen = name;
     draw();
@@ -129,6 +156,7 @@ export async function mount(element, args) {
 
   function draw() {
     const { list } = state;
+    if (!list) return;
     const { recorder } = list;
     record.textContent = recorder.name ? "End the recording" : "Record the arm";
     record.classList.toggle("on", Boolean(recorder.name));
@@ -150,23 +178,25 @@ export async function mount(element, args) {
       const old = before.get(one.name);
       return [one.name, old?.key === key ? old : { key, made: row(one) }];
     }));
-    const focused = body.contains(document.activeElement) ? document.activeElement.getAttribute("data-key") : null;
+    const focused = body.contains(document.activeElement) ? document.activeElement?.getAttribute("data-key") : null;
     const wanted = [...state.rows.values()].map((one) => one.made);
     const there = new Set(wanted);
-    for (const old of [...body.children]) if (!there.has(old)) old.remove();
-    wanted.forEach((made, i) => { if (body.children[i] !== made) body.insertBefore(made, body.children[i] || null); });
-    if (focused && document.activeElement?.getAttribute("data-key") !== focused) body.querySelector(`[data-key="${CSS.escape(focused)}"]`)?.focus();
+    for (const old of [...body.rows]) if (!there.has(old)) old.remove();
+    wanted.forEach((made, i) => { if (body.rows[i] !== made) body.insertBefore(made, body.rows[i] || null); });
+    if (focused && document.activeElement?.getAttribute("data-key") !== focused) all(body, `[data-key="${CSS.escape(focused)}"]`)[0]?.focus();
   }
 
+  /** @param {string} text */
   function empty(text) {
     return make("tr", {}, make("td", { colSpan: 8, className: "rc-empty", textContent: text }));
   }
 
+  /** @param {Recording} one */
   function row(one) {
     const name = button(one.name, () => choose(one.name), "rc-name", `open ${one.name}`);
     name.setAttribute("aria-pressed", String(one.name === state.chosen));
     const actions = make("td", { className: "rc-actions" });
-    actions.append(button("Save", () => save("/data/recording.mcap", { name: one.name }).catch((error) => say(error.message, true)),
+    actions.append(button("Save", () => save("/data/recording.mcap", { name: one.name }).catch((error) => say(whyOf(error), true)),
       "rc-small", `save ${one.name}`));
     if (args.operates) {
       if (one.recoverable) actions.append(button("Recover", () => recover(one), "rc-small", `recover ${one.name}`));
@@ -187,6 +217,7 @@ export async function mount(element, args) {
     return made;
   }
 
+  /** @param {Recording} one */
   async function recover(one) {
     const name = await act("recordings.recover", { name: one.name });
     if (!name) return;
@@ -194,9 +225,13 @@ export async function mount(element, args) {
     say(`the intact part is in ${name}; ${one.name} stays as it is`);
   }
 
-  /** Delete at the second press, within three seconds. */
+  /**
+   * Delete at the second press, within three seconds.
+   * @param {HTMLElement} pressed
+   * @param {Recording} one
+   */
   function sure(pressed, one) {
-    if (pressed.dataset.sure) { act("recordings.remove", { name: one.name }).then((found) => found && say(`${one.name} was deleted`)); return; }
+    if (pressed.dataset.sure) { act("recordings.remove", { name: one.name }).then((found) => found !== undefined && say(`${one.name} was deleted`)); return; }
     pressed.style.minWidth = `${pressed.offsetWidth}px`;
     pressed.dataset.sure = "1";
     pressed.textContent = "Sure?";
@@ -204,6 +239,10 @@ export async function mount(element, args) {
   }
 }
 
+/**
+ * @param {string} text
+ * @param {() => unknown} act
+ */
 export function button(text, act, className = "", label = "") {
   const made = make("button", { type: "button", className: `hw-button ${className}`, textContent: text });
   if (label) { made.setAttribute("aria-label", label); made.dataset.key = label; }
@@ -211,34 +250,45 @@ export function button(text, act, className = "", label = "") {
   return made;
 }
 
+/**
+ * @param {string} name
+ * @param {string} text
+ */
 function cell(name, text, number = false) {
   return make("td", { textContent: text, className: number ? "number" : "", "data-name": name });
 }
 
+/** @param {Recording} one */
 function stateText(one) {
   if (!one.problem) return one.states ? "whole" : "whole, without joint states";
   return one.recoverable ? `${one.problem}. Recover it to keep that part.` : one.problem;
 }
 
+/** @param {number} seconds */
 export function durationText(seconds) {
   if (seconds < 60) return `${seconds.toFixed(1)} s`;
   const minutes = Math.floor(seconds / 60);
   return minutes < 60 ? `${minutes} min ${Math.floor(seconds % 60)} s` : `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
 }
 
+/** @param {number} bytes */
 function sizeText(bytes) {
   return bytes < 1 << 20 ? `${Math.max(1, Math.round(bytes / 1024))} KiB` : `${(bytes / (1 << 20)).toFixed(1)} MiB`;
 }
 
-/** What is being recorded, and how fast the disk fills. */
+/**
+ * What is being recorded, and how fast the disk fills.
+ * @param {Recorder} recorder
+ */
 function recordingText({ name, seconds, states, pictures, lost, size, problems }) {
   const rate = size && seconds ? `, ${sizeText(size)}, ${sizeText(size / seconds)}/s` : "";
   const seen = pictures ? `, ${pictures} pictures` : "";
   return [`${name}: ${durationText(seconds)}, ${states} states${seen}${lost ? `, ${lost} lost` : ""}${rate}`, ...Object.values(problems)].join("; ");
 }
 
+/** @param {number} seconds */
 function dateText(seconds) {
-  const two = (n) => String(n).padStart(2, "0");
+  const two = (/** @type {number} */ n) => String(n).padStart(2, "0");
   const d = new Date(1000 * seconds);
   return `${d.getFullYear()}-${two(d.getMonth() + 1)}-${two(d.getDate())} ${two(d.getHours())}:${two(d.getMinutes())}:${two(d.getSeconds())}`;
 }

@@ -3,7 +3,18 @@
 
 import hexwire from "./live.js";
 
+/**
+ * Which values of a joint the arm and its ghost have.
+ * @typedef {[string, string | null]} Keys
+ * @typedef {import("./columns.js").Columns<{ names: string[] }>} Data
+ */
+
+/** @param {HTMLElement} place */
 export function makeFigure(place) {
+  /**
+   * @type {{ robot: string, view: import("./arm3d.js").Arm3D | null, data: Data | null, keys: Keys, time: number | null,
+   *   live: { joints: Map<string, number>, t: number } | null, round: number }}
+   */
   const state = { robot: "", view: null, data: null, keys: ["position", null], time: null, live: null, round: 0 };
   place.hidden = true;
 
@@ -15,7 +26,10 @@ export function makeFigure(place) {
     state.view = null;
   }
 
-  /** Show an arm of this kind; nothing for an unknown one. */
+  /**
+   * Show an arm of this kind; nothing for an unknown one.
+   * @param {string} robot
+   */
   async function choose(robot) {
     if (robot === state.robot) return;
     destroy();
@@ -36,24 +50,36 @@ export function makeFigure(place) {
     draw();
   }
 
+  /**
+   * @param {Data} data
+   * @param {Keys} keys
+   */
   function loaded(data, keys) {
     Object.assign(state, { data, keys, time: null, live: null });
     draw();
   }
 
+  /** @param {number | null} t */
   function at(t) {
     state.time = t;
     draw();
   }
 
-  /** Positions of a motion that goes on, radians by joint, at a time of the recording; null when it is over. */
-  function live(joints, t) {
+  /**
+   * Positions of a motion that goes on, radians by joint, at a time of the recording; null when it is over.
+   * @param {Map<string, number> | null} joints
+   */
+  function live(joints, t = 0) {
     state.live = joints ? { joints, t } : null;
     draw();
   }
 
-  function posture(key, t) {
-    const { times, columns, head } = state.data;
+  /**
+   * @param {Data} data
+   * @param {string | null} key
+   * @param {number} t
+   */
+  function posture({ times, columns, head }, key, t) {
     if (!key || !times.length) return null;
     let low = 0, high = times.length - 1;
     while (low < high) {
@@ -61,24 +87,26 @@ export function makeFigure(place) {
       if (times[middle] <= t) low = middle;
       else high = middle - 1;
     }
+    /** @type {Record<string, number>} */
     const found = {};
     for (const name of head.names) {
-      const value = columns.get(`${name}.${key}`)?.[low];
+      const value = columns.get(`${name}.${key}`)?.[low] ?? NaN;
       if (Number.isFinite(value)) found[name] = value;
     }
     return found;
   }
 
   function draw() {
-    if (!state.view || !state.data) return;
+    const { view, data, live } = state;
+    if (!view || !data) return;
     const [first, second] = state.keys;
-    if (state.live) {
-      state.view.setJoints(Object.fromEntries(state.live.joints));
-      state.view.setGhost(posture(first, state.live.t));
+    if (live) {
+      view.setJoints(Object.fromEntries(live.joints));
+      view.setGhost(posture(data, first, live.t));
       return;
     }
-    const t = state.time ?? state.data.times[0] ?? 0;
-    state.view.setJoints(posture(first, t) ?? {});
-    state.view.setGhost(posture(second, t));
+    const t = state.time ?? data.times[0] ?? 0;
+    view.setJoints(posture(data, first, t) ?? {});
+    view.setGhost(posture(data, second, t));
   }
 }

@@ -5,12 +5,33 @@
 import hexwire from "./live.js";
 import { fetchColumns } from "./columns.js";
 import { DEG } from "./signals.js";
-import { make } from "./widgets.js";
+import { make, whyOf } from "./widgets.js";
 
 const LOOK = 250; // ms between two looks at the twin
 
+/**
+ * What is played of a recording, seconds.
+ * @typedef {{ begin: number, factor: number, end?: number }} PlayedPart
+ *
+ * `points`: times of the recording, and positions then; `began`: when the motion began, on the clock of frames.
+ * @typedef {{
+ *   entry: Recording | undefined, list: RecordingList | null, times: Float64Array | null, names: string[], on: "" | "twin" | "arm",
+ *   poll: number, drawn: number, points: [number, Map<string, number>][], run: Run | null, began?: number, part: PlayedPart | null,
+ *   fits: number | null
+ * }} PlayState
+ */
+
+/**
+ * @param {import("./recordings.js").RecordingsPage} page
+ * @param {HTMLElement} place
+ * @param {import("./recordings_view.js").ViewState} view
+ * @param {(found: Map<string, Float32Array>) => void} shown gets what was played, on the recording's times
+ * @param {(joints: Map<string, number> | null, at?: number) => void} moved gets each posture, and null at the end
+ */
 export function makePlayer(page, place, view, shown, moved) {
-  const state = { entry: null, list: null, times: null, names: [], on: "", poll: 0, drawn: 0, points: [], run: null };
+  /** @type {PlayState} */
+  const state = { entry: undefined, list: null, times: null, names: [], on: "", poll: 0, drawn: 0, points: [], run: null, part: null, fits: null };
+  /** @type {(label: string, value: string, min: string, max: string, step: string) => [HTMLLabelElement, HTMLInputElement]} */
   const number = (label, value, min, max, step) => {
     const box = make("input", { type: "number", className: "rc-number", value, min, max, step });
     const made = make("label", { className: "rc-field" }, label, box);
@@ -21,6 +42,7 @@ export function makePlayer(page, place, view, shown, moved) {
   const [factorField, factor] = number("speed", "1", "0.1", "4", "0.1");
   to.placeholder = "end";
   factor.title = "2 plays twice as fast";
+  /** @type {(text: string, act: () => unknown) => HTMLButtonElement} */
   const press = (text, act) => {
     const made = make("button", { type: "button", className: "hw-button", textContent: text });
     made.addEventListener("click", act);
@@ -48,7 +70,7 @@ export function makePlayer(page, place, view, shown, moved) {
   }, place);
   hexwire.onFrame((frame) => {
     if (state.on !== "arm" || state.began === undefined || !state.run) return;
-    collect(frame.time - state.began, state.run.lead_in, frame.joints.map((name, i) => [name, frame.position[i]]));
+    collect(frame.time - state.began, state.run.lead_in, new Map(frame.joints.map((name, i) => [name, frame.position[i]])));
     progress({ ...state.run, elapsed: frame.time - state.began });
     draw();
   }, place);
@@ -57,6 +79,7 @@ export function makePlayer(page, place, view, shown, moved) {
 
   function destroy() { clearInterval(state.poll); }
 
+  /** @param {Recording | undefined} entry */
   function choose(entry) {
     state.entry = entry;
     state.times = null;
@@ -66,12 +89,14 @@ export function makePlayer(page, place, view, shown, moved) {
     if (state.list) update(state.list);
   }
 
+  /** @param {import("./recordings_view.js").Data} data */
   function loaded(data) {
     state.times = data.times;
     state.names = data.head.names;
     to.placeholder = data.times.length ? data.times[data.times.length - 1].toFixed(1) : "end";
   }
 
+  /** @param {RecordingList} list */
   function update(list) {
     state.list = list;
     const entry = page.entry(state.entry?.name ?? "") ?? state.entry;
@@ -83,28 +108,35 @@ export function makePlayer(page, place, view, shown, moved) {
     if (list.twin.busy && !state.on) { stop.hidden = false; follow(); }
   }
 
+  /** @returns {PlayedPart} */
   function part() {
+    /** @type {(box: HTMLInputElement, other: number) => number} */
     const value = (box, other) => (box.value === "" ? other : Number(box.value));
     const found = { begin: value(from, 0), factor: value(factor, 1) };
-    const last = value(to, null);
-    return last === null ? found : { ...found, end: last };
+    return to.value === "" ? found : { ...found, end: Number(to.value) };
   }
 
+  /**
+   * @param {"twin" | "arm"} on
+   * @param {string} text
+   */
   function prepare(on, text) {
-    state.on = on;
-    state.began = undefined;
-    state.run = null;
-    state.points = [];
-    state.part = part();
+    const wanted = part();
+    Object.assign(state, { on, began: undefined, run: null, points: [], part: wanted });
     offer(null);
     said.textContent = text;
     said.dataset.level = "";
     stop.hidden = false;
     bar.hidden = false;
     bar.removeAttribute("value");
-    update(state.list);
+    if (state.list) update(state.list);
+    return wanted;
   }
 
+  /**
+   * @param {string} text
+   * @param {boolean} bad
+   */
   function finish(text, bad) {
     // A list from before still says that the twin moves, which would be followed once more.
     page.outdate();
@@ -122,10 +154,11 @@ export function makePlayer(page, place, view, shown, moved) {
   // -- the twin ------------------------------------------------------------------------------------------
 
   async function playTwin() {
-    prepare("twin", "starting the twin …");
-    const begun = await page.act("recordings.twin", { name: state.entry.name, topic: view.topic, part: state.part });
-    if (!begun) { finish(page.state.refusal, true); return; }
-    follow();
+    if (!state.entry) return;
+    const part = prepare("twin", "starting the twin …");
+    const begun = await page.act("recordings.twin", { name: state.entry.name, topic: view.topic, part });
+    if (begun === undefined) finish(page.state.refusal, true);
+    else follow();
   }
 
   function follow() {
@@ -141,7 +174,7 @@ export function makePlayer(page, place, view, shown, moved) {
         const twinState = head.state;
         state.part ??= part();
         times.forEach((time, i) => collect(time - twinState.began, twinState.lead_in,
-          head.names.map((name) => [name, columns.get(`${name}.position`)[i]])));
+          new Map(head.names.map((name) => [name, columns.get(`${name}.position`)?.[i] ?? NaN]))));
         if (twinState.running) {
           progress(twinState);
           draw();
@@ -152,7 +185,7 @@ export function makePlayer(page, place, view, shown, moved) {
         }
       } catch (error) {
         clearInterval(state.poll);
-        finish(error.message, true);
+        finish(whyOf(error), true);
       }
       looking = false;
     }, LOOK);
@@ -161,8 +194,8 @@ export function makePlayer(page, place, view, shown, moved) {
   // -- the arm -------------------------------------------------------------------------------------------
 
   async function playArm() {
-    prepare("arm", "checking …");
-    const motion = { what: "play", recording: state.entry.name, topic: view.topic, ...state.part };
+    if (!state.entry) return;
+    const motion = { what: "play", recording: state.entry.name, topic: view.topic, ...prepare("arm", "checking …") };
     const plan = await page.act("arm.preview", { motion });
     if (!plan) { finish(page.state.refusal, true); return; }
     if (plan.refusal || plan.unready) {
@@ -175,7 +208,10 @@ export function makePlayer(page, place, view, shown, moved) {
     finish(why === "arrived" ? "arrived" : why, why !== "arrived" && why !== "released");
   }
 
-  /** Offer the speed at which it is not too fast. */
+  /**
+   * Offer the speed at which it is not too fast.
+   * @param {number | null} fits
+   */
   function offer(fits) {
     state.fits = fits;
     slower.hidden = fits === null;
@@ -189,6 +225,7 @@ export function makePlayer(page, place, view, shown, moved) {
 
   // -- what was measured ---------------------------------------------------------------------------------
 
+  /** @param {{ elapsed: number, duration: number, lead_in: number }} run */
   function progress(run) {
     const left = Math.max(0, run.duration - run.elapsed);
     bar.value = run.duration ? Math.min(1, run.elapsed / run.duration) : 0;
@@ -196,11 +233,17 @@ export function makePlayer(page, place, view, shown, moved) {
     said.textContent = `${where}, ${left.toFixed(1)} s left`;
   }
 
-  /** Note joint positions at a time of the motion, as a time of the recording. */
+  /**
+   * Note joint positions at a time of the motion, as a time of the recording.
+   * @param {number} elapsed
+   * @param {number} leadIn
+   * @param {Map<string, number>} positions
+   */
   function collect(elapsed, leadIn, positions) {
+    if (!state.part) return;
     const at = state.part.begin + (elapsed - leadIn) * state.part.factor;
-    moved(new Map(positions), at);
-    if (at >= state.part.begin) state.points.push([at, new Map(positions)]);
+    moved(positions, at);
+    if (at >= state.part.begin) state.points.push([at, positions]);
     if (state.points.length > 50000) state.points.splice(0, 10000);
   }
 
@@ -209,7 +252,7 @@ export function makePlayer(page, place, view, shown, moved) {
     const { times, points, names } = state;
     if (!times || !times.length || points.length < 2) return null;
     const found = new Map(names.filter((name) => points[0][1].has(name)).map((name) => [name, new Float32Array(times.length).fill(NaN)]));
-    const last = Math.min(points[points.length - 1][0], state.part.end ?? Infinity);
+    const last = Math.min(points[points.length - 1][0], state.part?.end ?? Infinity);
     let k = 0;
     for (let i = 0; i < times.length; i++) {
       const t = times[i];
@@ -217,7 +260,10 @@ export function makePlayer(page, place, view, shown, moved) {
       while (k < points.length - 2 && points[k + 1][0] < t) k++;
       const [a, p] = points[k], [b, q] = points[k + 1];
       const share = b > a ? Math.min(1, Math.max(0, (t - a) / (b - a))) : 0;
-      for (const [name, row] of found) row[i] = p.get(name) + share * (q.get(name) - p.get(name));
+      for (const [name, row] of found) {
+        const here = p.get(name) ?? NaN;
+        row[i] = here + share * ((q.get(name) ?? NaN) - here);
+      }
     }
     return found;
   }
@@ -235,6 +281,7 @@ export function makePlayer(page, place, view, shown, moved) {
     let sum = 0, count = 0, worst = 0, where = "";
     for (const [name, row] of found) {
       const wanted = view.data.columns.get(`${name}.position`);
+      if (!wanted) continue;
       row.forEach((value, i) => {
         const off = value - wanted[i];
         if (!Number.isFinite(off)) return;

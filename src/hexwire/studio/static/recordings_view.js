@@ -3,12 +3,27 @@
 import { Plot } from "./plot.js";
 import { fetchColumns } from "./columns.js";
 import { DEG, JOINT_SIGNALS, jointSeries, valuesOf } from "./signals.js";
-import { chips, make } from "./widgets.js";
+import { chips, make, whyOf } from "./widgets.js";
 import { makeFigure } from "./recordings_arm.js";
 import { makePictures } from "./recordings_cameras.js";
 import { makePlayer } from "./recordings_play.js";
 
+/**
+ * Of one recording, or a comparison of two.
+ * @typedef {import("./columns.js").Columns<{ names: string[] } & Partial<Heads["/data/recording"] & Heads["/data/compare"]>>} Data
+ *
+ * @typedef {{
+ *   name: string, other: string, topic: string, data: Data | null, plot: Plot | null, signals: string[], joints: string[],
+ *   names: string | null, align: string, round: number, played: Map<string, Float32Array> | null
+ * }} ViewState
+ */
+
+/**
+ * @param {import("./recordings.js").RecordingsPage} page
+ * @param {HTMLElement} place
+ */
 export function makeView(page, place) {
+  /** @type {ViewState} */
   const state = { name: "", other: "", topic: "", data: null, plot: null, signals: ["position"], joints: [], names: null, align: "start", round: 0, played: null };
   const title = make("h2", { className: "rc-title", tabIndex: -1 });
   const topics = make("select", { className: "rc-select", hidden: true });
@@ -32,7 +47,7 @@ export function makeView(page, place) {
   const pictures = makePictures(picturesPlace);
   const player = makePlayer(page, playPlace, state, showPlayed, (joints, at) => {
     figure.live(joints, at);
-    if (joints) pictures.at(at);
+    if (joints) pictures.at(at ?? null);
   });
 
   topics.addEventListener("change", () => { state.topic = topics.value; load(); });
@@ -47,6 +62,7 @@ export function makeView(page, place) {
     figure.destroy();
   }
 
+  /** @param {string} name */
   function choose(name) {
     Object.assign(state, { name, other: "", topic: "", data: null, played: null });
     place.hidden = !name;
@@ -64,6 +80,7 @@ export function makeView(page, place) {
     place.scrollIntoView({ block: "nearest" });
   }
 
+  /** @param {RecordingList | null} list */
   function update(list) {
     if (!list) return;
     player.update(list);
@@ -99,13 +116,14 @@ export function makeView(page, place) {
     playPlace.hidden = Boolean(state.other);
     note.textContent = "reading …";
     note.dataset.level = "";
+    /** @type {Data} */
     let data;
     try {
       data = state.other
         ? await fetchColumns("/data/compare", { a: state.name, topic_a: state.topic, b: state.other, align: state.align })
         : await fetchColumns("/data/recording", { name: state.name, topic: state.topic });
     } catch (error) {
-      if (round === state.round) { note.textContent = error.message; note.dataset.level = "error"; }
+      if (round === state.round) { note.textContent = whyOf(error); note.dataset.level = "error"; }
       return;
     }
     if (round !== state.round) return;
@@ -116,20 +134,20 @@ export function makeView(page, place) {
     // A choice is kept for recordings of the same joints.
     if (state.names !== names.join("\n")) state.joints = names;
     state.names = names.join("\n");
-    if (state.other) table();
+    if (state.other) table(data);
     pictures.begins(data.head.begin ?? 0);
     figure.loaded(data, state.other ? ["first", "second"] : ["position", null]);
-    choices();
+    choices(data);
     draw();
     player.loaded(data);
   }
 
-  function choices() {
-    const { names } = state.data.head;
+  /** @param {Data} data */
+  function choices({ head: { names }, columns }) {
     const groups = [chips("Joints", names.map((name, i) => ({ key: name, text: name, colour: `--joint-${(i % 8) + 1}` })), state.joints,
       (values) => { state.joints = values; draw(); }, { all: true })];
     if (!state.other) {
-      const known = JOINT_SIGNALS.filter((signal) => names.some((name) => valuesOf(signal, (key) => state.data.columns.get(`${name}.${key}`))));
+      const known = JOINT_SIGNALS.filter((signal) => names.some((name) => valuesOf(signal, (key) => columns.get(`${name}.${key}`))));
       state.signals = state.signals.filter((key) => known.some((one) => one.key === key));
       if (!state.signals.length) state.signals = ["position"];
       groups.push(chips("Signals", known.map((one) => ({ key: one.key, text: one.words, unit: one.unit })), state.signals,
@@ -138,10 +156,11 @@ export function makeView(page, place) {
     pick.replaceChildren(...groups);
   }
 
-  function rows() {
-    const { data } = state;
+  /** @param {Data} data */
+  function rows(data) {
+    /** @type {[import("./plot.js").SeriesOptions, Float32Array][]} */
     const found = [];
-    const scaled = (column) => column.map((value) => DEG * value);
+    const scaled = (/** @type {Float32Array | undefined} */ column) => column?.map((value) => DEG * value) ?? new Float32Array(data.times.length).fill(NaN);
     data.head.names.forEach((joint, i) => {
       if (!state.joints.includes(joint)) return;
       if (state.other) {
@@ -162,37 +181,41 @@ export function makeView(page, place) {
   }
 
   function draw() {
-    if (!state.data) return;
+    const { data } = state;
+    if (!data) return;
     const before = state.plot;
-    const found = rows();
+    const found = rows(data);
     const panels = new Set(found.map(([series]) => series.panel ?? series.unit)).size;
     const options = { title: "", live: false, fileName: state.other ? `${state.name} and ${state.other}` : state.name,
-      onTime: (t) => {
+      onTime: (/** @type {number | null} */ t) => {
         figure.at(t);
         pictures.at(t);
       },
-      series: found.map(([series]) => series), height: Math.max(300, 150 * panels), capacity: state.data.times.length + 1024 };
+      series: found.map(([series]) => series), height: Math.max(300, 150 * panels), capacity: data.times.length + 1024 };
     const range = before && before.columns.length ? before.range : null;
     before?.destroy();
     state.plot = new Plot(plotPlace, options);
-    state.plot.set([state.data.times, ...found.map(([, values]) => values)]);
-    if (range && range[1] - range[0] > 0.01) state.plot.zoom(...range);
+    state.plot.set([data.times, ...found.map(([, values]) => values)]);
+    if (range && range[1] - range[0] > 0.01) state.plot.zoom(range[0], range[1]);
   }
 
-  /** Values that were played meanwhile, on the recording's times. */
+  /**
+   * Values that were played meanwhile, on the recording's times.
+   * @param {Map<string, Float32Array>} played
+   */
   function showPlayed(played) {
     state.played = played;
     if (!state.other) draw();
   }
 
-  function table() {
-    const { head } = state.data;
-    const text = (value, digits = 2) => (value === null ? "–" : (DEG * value).toFixed(digits).replace("-", "−"));
-    const lag = Math.abs(head.lag) < 0.0005 ? "" : `; the second one was ${Math.abs(head.lag).toFixed(3)} s ${head.lag > 0 ? "later" : "earlier"}`;
+  /** @param {Data} data */
+  function table({ head: { lag = 0, joints = [] } }) {
+    const text = (/** @type {number | null} */ value) => (value === null ? "–" : (DEG * value).toFixed(2).replace("-", "−"));
+    const later = Math.abs(lag) < 0.0005 ? "" : `; the second one was ${Math.abs(lag).toFixed(3)} s ${lag > 0 ? "later" : "earlier"}`;
     figures.replaceChildren(make("table", { className: "rc-table" },
-      make("caption", { textContent: `Second minus first${lag}` }),
+      make("caption", { textContent: `Second minus first${later}` }),
       make("thead", {}, make("tr", {}, ...["joint", "RMS, deg", "greatest, deg", "at, s"].map((one) => make("th", { scope: "col", textContent: one })))),
-      make("tbody", {}, ...head.joints.map((one) => make("tr", {}, make("th", { scope: "row", textContent: one.name }),
+      make("tbody", {}, ...joints.map((one) => make("tr", {}, make("th", { scope: "row", textContent: one.name }),
         make("td", { textContent: text(one.rms) }), make("td", { textContent: text(one.largest) }),
         make("td", { textContent: one.at === null ? "–" : one.at.toFixed(2) }))))));
   }

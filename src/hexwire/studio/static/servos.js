@@ -1,13 +1,14 @@
 // The page Servos: a list at the left, one servo at the right; on a phone one below the other. Owns the order of the parts,
 // the search and the lists: of a bus, or of an arm that is open, whose protocol tells of its servos. Must not know what a servo may do.
 
-import hexwire from "./live.js";
+import hexwire, { all, required } from "./live.js";
 import { backup, identity, registers } from "./servos_settings.js";
 import { health, ofJoint, overview, stress, wave } from "./servos_checks.js";
 import { calibration, setUp } from "./servos_calibration.js";
-import { View, button, choice, field, form, frames, hint, live, progress, put, row, table } from "./servos_kit.js";
-import { fill, html, loadSheet, node, question, tabs } from "./widgets.js";
+import { View, button, choice, field, form, frames, hint, live, offer, progress, put, row, table } from "./servos_kit.js";
+import { fill, html, loadSheet, node, question, tabs, within } from "./widgets.js";
 
+/** @type {Record<string, [string, import("./servos_kit.js").Part]>} */
 const PARTS = {
   overview: ["Overview", overview],
   joint: ["Overview", ofJoint],
@@ -21,6 +22,10 @@ const PARTS = {
   whole_arm: ["Set up an arm", setUp],
 };
 
+/**
+ * @param {HTMLElement} element
+ * @param {Visitor} visitor
+ */
 export async function mount(element, { operates }) {
   await loadSheet("/static/servos.css");
   element.classList.add("sv-page");
@@ -38,7 +43,12 @@ export async function mount(element, { operates }) {
 
 // -- nothing, or an arm ------------------------------------------------------------------------------------------
 
-/** Nothing is open: offer to open a bus. */
+/**
+ * Nothing is open: offer to open a bus.
+ * @param {HTMLElement} element
+ * @param {Facts} facts
+ * @param {boolean} operates
+ */
 async function closed(element, facts, operates) {
   element.append(hint("Nothing is open. Open the adapter of a servo bus here, or an arm on the page Arms."));
   const warning = hint("");
@@ -54,7 +64,11 @@ async function closed(element, facts, operates) {
   if (known) put(warning, `If a controller board is there instead: ${known.warning}.`);
 }
 
-/** The servos of an arm that is open, laid out as those of a bus; and the way to the bare servos. */
+/**
+ * The servos of an arm that is open, laid out as those of a bus; and the way to the bare servos.
+ * @param {HTMLElement} element
+ * @param {Facts} facts
+ */
 async function board(element, facts) {
   const view = new View(facts.opened);
   const found = await view.act("board.servos");
@@ -67,9 +81,10 @@ async function board(element, facts) {
     ...["position", "voltage", "temperature", "flags"].map((each) => html`<span data-frame="${each}" data-joint="${i}">–</span>`),
   ])));
   frames(list);
-  const picks = [...list.querySelectorAll(".sv-pick")];
-  const tell = (i, words, level) => put(list.querySelector(`[data-told="${i}"]`), `, ${words}`, level);
-  const select = (at) => {
+  const picks = all(list, ".sv-pick");
+  /** @type {(i: number, words: string, level: string) => void} */
+  const tell = (i, words, level) => put(required(list, `[data-told="${i}"]`), `, ${words}`, level);
+  const select = (/** @type {number} */ at) => {
     view.joint = { ...found.joints[at], i: at };
     view.selected = view.joint.servo;
     picks.forEach((pick, i) => pick.setAttribute("aria-pressed", String(i === at)));
@@ -106,6 +121,7 @@ async function board(element, facts) {
   ask();
 }
 
+/** @param {HTMLElement} element */
 function columns(element) {
   const left = node("section", { class: "sv-left", "aria-label": "Servos found" });
   const right = node("section", { class: "sv-right", "aria-label": "One servo" });
@@ -116,6 +132,10 @@ function columns(element) {
 
 // -- a bus -------------------------------------------------------------------------------------------------------
 
+/**
+ * @param {HTMLElement} element
+ * @param {Facts} facts
+ */
 async function workbench(element, facts) {
   const view = new View(facts.opened);
   const { left, right, both } = columns(element);
@@ -131,11 +151,14 @@ async function workbench(element, facts) {
   view.redraw();
 }
 
-/** What needs a servo to answer cannot be pressed while nobody knows how the servos are. */
+/**
+ * What needs a servo to answer cannot be pressed while nobody knows how the servos are.
+ * @param {HTMLElement} page
+ */
 function silenced(page) {
   const mark = () => {
     const unknown = hexwire.facts?.mode === "bus" && !hexwire.known;
-    for (const each of page.querySelectorAll(".sv-right .hw-button:not(.sv-offline)")) {
+    for (const each of all(page, ".sv-right .hw-button:not(.sv-offline)")) {
       if (each.inert !== unknown) each.inert = unknown;
     }
   };
@@ -144,6 +167,10 @@ function silenced(page) {
   hexwire.onFacts(mark, page);
 }
 
+/**
+ * @param {View} view
+ * @param {HTMLElement} left
+ */
 function buildSearch(view, left) {
   const rate = choice(), ids = node("input", { value: "0-253", maxlength: 60 });
   const start = button("Search", search, { level: "accent" });
@@ -176,25 +203,27 @@ function buildSearch(view, left) {
     if (!found) return;
     view.found = found;
     const usable = found.servos.filter((one) => one.usable).map((one) => one.id);
-    if (!usable.includes(view.selected)) view.selected = usable[0] ?? null;
-    if (!rate.options.length) rate.append(...found.rates.map(([value, words]) => new Option(words, value)));
+    if (view.selected === null || !usable.includes(view.selected)) view.selected = usable[0] ?? null;
+    if (!rate.options.length) offer(rate, found.rates);
     fill(list, listMarkup(view));
   };
   list.addEventListener("click", async (event) => {
-    const pressed = event.target.closest("[data-do]");
+    const pressed = within(event, "[data-do]");
     if (!pressed) return;
     const value = Number(pressed.dataset.value);
     if (pressed.dataset.do === "select") {
       view.selected = value;
       fill(list, listMarkup(view));
-      list.querySelector(`[data-value="${value}"]`).focus();
+      required(list, `[data-value="${value}"]`).focus();
     } else if ((await view.act("servos.rate", { baud: value })) === undefined) return;
     else await view.relist();
     view.redraw();
   });
 }
 
+/** @param {Pick<View, "found" | "selected">} view */
 export function listMarkup({ found, selected }) {
+  /** @type {(id: number, name: string) => ReturnType<typeof html>} */
   const cell = (id, name) => html`<span data-live="${name}" data-id="${id}">–</span>`;
   const rows = found.servos.map(({ id, usable, model, more, level, remarks }) => {
     const words = remarks.map(({ text }) => text).join("; ") || "nothing known against it";
@@ -214,6 +243,11 @@ export function listMarkup({ found, selected }) {
       <button type="button" class="hw-button" data-do="rate" data-value="${baud}">Work at ${baud} baud</button></p>`)}`;
 }
 
+/**
+ * @param {View} view
+ * @param {HTMLElement} right
+ * @param {string[]} names
+ */
 function buildParts(view, right, names) {
   [view.part] = names;
   const body = node("div", { class: "sv-part", role: "tabpanel", tabindex: "0" });

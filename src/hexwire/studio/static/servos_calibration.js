@@ -1,12 +1,13 @@
 // Parts of the page Servos about a whole arm: the middle of a servo and the calibration by hand, and setting an arm up servo by
 // servo. Owns forms, questions and the table of ranges; the server measures, says what comes next, and stores.
 
-import hexwire from "./live.js";
-import { button, choice, chooser, facts, field, form, hint, number, put, row, section, table } from "./servos_kit.js";
+import hexwire, { all } from "./live.js";
+import { button, choice, chooser, facts, field, form, hint, number, offer, put, row, section, table } from "./servos_kit.js";
 import { download, fill, html, node, question } from "./widgets.js";
 
 const LARGEST = 256 * 1024; // bytes of a file
 
+/** @type {import("./servos_kit.js").LatePart} */
 export async function calibration(view, place, servo) {
   const middle = async () => {
     const counted = view.live.get(servo)?.counts ?? null;
@@ -28,15 +29,15 @@ export async function calibration(view, place, servo) {
     button(`Set the middle of servo ${servo} here`, middle),
     ...section("Calibration by hand", "Without torque, move every joint to both of its ends; the table says what is missing. Offsets and limits can then be stored in the servos, and the calibration saved to a file, also for LeRobot. In place of measuring, a file of either kind can be loaded."),
     form(field("Arm", arm), begin, mark, finish, cancel, file, pick), ranges, result);
-  const buttons = (running, needsMiddle = false) => {
+  const buttons = (/** @type {boolean} */ running, needsMiddle = false) => {
     begin.hidden = pick.hidden = running;
     finish.hidden = cancel.hidden = !running;
     mark.hidden = !running || !needsMiddle;
   };
   buttons(false);
   hexwire.onRange(({ rows }) => showRanges(ranges, rows), ranges);
-  const found = await view.choices(arm, "calibration.arms", "arms");
-  if (found) arm.value = found.likely;
+  const found = await view.act("calibration.arms");
+  if (found) offer(arm, found.arms).value = found.likely;
 
   async function start() {
     if (!(await question("Torque off", "All joints lose their torque, and the arm sinks. Hold it.", "I hold it: torque off"))) return;
@@ -53,12 +54,17 @@ export async function calibration(view, place, servo) {
     if (await view.act("calibration.middle")) mark.hidden = true;
   }
 
+  /** @param {File} chosen */
   async function load(chosen) {
     if (chosen.size > LARGEST) return hexwire.notify("the file is larger than 256 KiB", "error");
     const made = await view.send("calibration", chosen, { arm: arm.value, name: chosen.name });
     if (made) show(made, `Loaded from ${chosen.name}`);
   }
 
+  /**
+   * @param {Calibration} made
+   * @param {string} how
+   */
   function show(made, how) {
     const chosen = arm.value;
     const store = async () => {
@@ -77,31 +83,38 @@ export async function calibration(view, place, servo) {
   }
 }
 
-/** A table of how far each joint was moved, and what is missing. */
+/**
+ * A table of how far each joint was moved, and what is missing.
+ * @param {HTMLElement} element
+ * @param {RangeRow[]} rows
+ */
 export function showRanges(element, rows) {
   if (element.querySelectorAll("tbody tr").length !== rows.length) {
     const bar = html`<span class="sv-range"><span></span><i></i></span>`;
     fill(element, table("Ranges", ["Joint", "#Min deg", "#Now deg", "#Max deg", "Range", "Missing"], rows.map(({ name }) => [name, "", "", "", bar, ""])));
   }
-  const lines = element.querySelectorAll("tbody tr");
+  const lines = all(element, "tbody tr", HTMLTableRowElement);
   rows.forEach((one, i) => {
-    const { cells } = lines[i];
+    const { cells } = lines[i], [bar, mark] = all(cells[4], ".sv-range > *"), low = one.low ?? 0, high = one.high ?? 0;
     put(cells[0], one.name);
     put(cells[1], number(one.low, 1));
     put(cells[2], number(one.now, 1));
     put(cells[3], number(one.high, 1));
     put(cells[5], one.missing || "nothing", one.missing ? "warn" : "ok");
-    const span = Math.max(one.usual || 0, one.high - one.low, 1) * 1.1, middle = (one.high + one.low) / 2;
-    const at = (value) => Math.min(100, Math.max(0, 50 + (100 * (value - middle)) / span));
-    const [bar, mark] = cells[4].firstElementChild.children;
-    bar.style.left = `${at(one.low)}%`;
-    bar.style.width = `${at(one.high) - at(one.low)}%`;
-    mark.style.left = `${at(one.now)}%`;
+    const span = Math.max(one.usual || 0, high - low, 1) * 1.1, middle = (high + low) / 2;
+    const at = (/** @type {number} */ value) => Math.min(100, Math.max(0, 50 + (100 * (value - middle)) / span));
+    bar.style.left = `${at(low)}%`;
+    bar.style.width = `${at(high) - at(low)}%`;
+    mark.style.left = `${at(one.now ?? 0)}%`;
   });
 }
 
 // -- a whole arm -------------------------------------------------------------------------------------------------
 
+/**
+ * @param {import("./servos_kit.js").View} view
+ * @param {HTMLElement} place
+ */
 export async function setUp(view, place) {
   const arm = choice(), role = choice();
   const begin = button("Look what is connected", () => look(false), { level: "accent" });
@@ -109,7 +122,9 @@ export async function setUp(view, place) {
   const told = hint("", { role: "status" }), shown = node("div");
   const screen = node("div", { class: "sv-view" }), caption = hint("");
   const drawing = node("div", { hidden: true }, screen, caption);
-  let begun = false, turn = 0, picture = null;
+  let begun = false, turn = 0;
+  /** @type {Promise<import("./arm_picture.js").Picture> | null} */
+  let picture = null;
   place.append(
     node("h2", { class: "sv-h2" }, "Set up an arm"),
     ...section("Servo by servo", "New servos all have id 1: connect them one at a time. Each gets its id and rate, and is read back. The servos themselves are asked what is done, so a set-up can be resumed at any time. Nothing moves."),
@@ -123,9 +138,13 @@ export async function setUp(view, place) {
   };
   arm.addEventListener("change", renew);
   role.addEventListener("change", renew);
-  const found = await view.choices(arm, "set_up.choices", "arms");
-  if (found) role.append(...found.roles.map(([value, words]) => new Option(words, value)));
+  const found = await view.act("set_up.choices");
+  if (found) {
+    offer(arm, found.arms);
+    offer(role, found.roles);
+  }
 
+  /** @param {boolean} all whether at every id and rate */
   async function look(all) {
     const mine = turn;
     begin.hidden = everywhere.hidden = true;
@@ -141,6 +160,7 @@ export async function setUp(view, place) {
     view.relist();
   }
 
+  /** @param {string} joint */
   async function showJoint(joint) {
     picture ||= import("./arm_picture.js").then(({ Picture }) => new Picture(screen, caption));
     const shows = await picture;
@@ -148,6 +168,7 @@ export async function setUp(view, place) {
     shows.mark(joint);
   }
 
+  /** @param {SetUp} step */
   function draw(step) {
     const give = async () => {
       if (!(await question("Set this servo up", step.question, "Set it up"))) return;

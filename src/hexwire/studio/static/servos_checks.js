@@ -1,9 +1,14 @@
 // Parts of the page Servos that look and test: overview with torque, health, stress test, wave. Owns forms and plots.
 
-import hexwire from "./live.js";
+import hexwire, { all } from "./live.js";
 import { Plot } from "./plot.js";
 import { button, choice, facts, field, form, frames, hint, live, number, numeric, progress, put, row, section, table, valueOf } from "./servos_kit.js";
-import { fill, html, node, question } from "./widgets.js";
+import { fill, html, node, question, whyOf } from "./widgets.js";
+
+/**
+ * @typedef {import("./servos_kit.js").Part} Part
+ * @typedef {import("./servos_kit.js").LatePart} LatePart
+ */
 
 const LIVE = [
   ["deg", "Position", "°"], ["counts", "Counts", ""], ["speed", "Speed", "°/s"], ["load", "Load", "%"],
@@ -17,6 +22,7 @@ const WORST = 1000; // ms between two looks at the worst of ten minutes
 
 // -- overview ----------------------------------------------------------------------------------------------------
 
+/** @type {Part} */
 export function overview(view, place, servo) {
   if (!view.servo?.facts.length) return place.append(hint("This servo is not known any more; search again."));
   const { facts: known, remarks } = view.servo;
@@ -24,7 +30,7 @@ export function overview(view, place, servo) {
   const now = node("dl", { class: "sv-facts" });
   fill(now, html`${LIVE.map(([key, name, unit]) => html`<div><dt>${name}</dt><dd><span data-live="${key}" data-id="${servo}">–</span> ${unit}</dd></div>`)}`);
   live(now);
-  const torque = async (on) => {
+  const torque = async (/** @type {boolean} */ on) => {
     if ((await view.act("servos.torque", { servo, on })) !== undefined) hexwire.notify(`servo ${servo} ${on ? "holds where it is" : "has no torque"}`, "ok");
   };
   const off = async () => {
@@ -45,11 +51,15 @@ export function overview(view, place, servo) {
       button("Torque off", off, { label: `Torque of servo ${servo} off`, offline: true }),
       button("Recover from overload", recover)),
     ...section("Move", "Within the servo's own limits, while it has torque and you hold its marker, an arrow key or a button; or by exact steps."), move);
-  if (hexwire.operates) import("./servos_move.js").then(({ moveServo }) => move.isConnected && moveServo(view, move, servo));
+  if (hexwire.operates) import("./servos_move.js").then(({ moveServo }) => (move.isConnected ? moveServo(view, move, servo) : undefined));
 }
 
-/** A servo of an arm: what its protocol tells of it, its values, and its slider. */
+/**
+ * A servo of an arm: what its protocol tells of it, its values, and its slider.
+ * @type {Part}
+ */
 export function ofJoint(view, place) {
+  if (!view.joint) return;
   const { i, name } = view.joint, told = node("div"), now = node("dl", { class: "sv-facts" });
   view.tell = () => {
     if (!view.kinds.length) return;
@@ -68,11 +78,12 @@ export function ofJoint(view, place) {
 
 // -- health ------------------------------------------------------------------------------------------------------
 
+/** @type {LatePart} */
 export async function health(view, place, servo) {
   const worst = node("div"), box = node("div", { class: "sv-plot" });
   const found = node("ul", { class: "sv-remarks", "aria-live": "polite" });
   const forget = async () => (await view.act("health.forget", { servo })) !== undefined && view.redraw();
-  const judge = async (made) => {
+  const judge = async (/** @type {HTMLElement} */ made) => {
     made.hidden = true;
     const rows = await view.act("health.judge");
     made.hidden = false;
@@ -87,8 +98,9 @@ export async function health(view, place, servo) {
     setTimeout(look, WORST);
   };
   look();
-  const { now, rows } = (await view.act("health.rows", { servo })) || { now: null };
-  if (now === null || !box.isConnected) return;
+  const past = await view.act("health.rows", { servo });
+  if (!past || !box.isConnected) return;
+  const { now, rows } = past;
   const plot = new Plot(box, {
     title: `Health of servo ${servo}`, window: 600, keep: 600, height: 420, fileName: `health-${servo}`,
     series: [
@@ -100,7 +112,7 @@ export async function health(view, place, servo) {
   });
   for (const [t, ...values] of rows) plot.append(t, values);
   let last = -Infinity;
-  const add = (t, ...values) => {
+  const add = (/** @type {number} */ t, /** @type {number[]} */ ...values) => {
     if (t - last < 0.9) return;
     last = t;
     plot.append(t, values.map((value) => (Number.isFinite(value) ? value : null)));
@@ -112,12 +124,13 @@ export async function health(view, place, servo) {
   }
   hexwire.onServos((message) => {
     const one = message.rows.find((each) => each.id === servo);
-    if (one) add(message.t - now, one.volts, one.celsius, one.amps === null ? NaN : Math.abs(one.amps), one.load === null ? NaN : Math.abs(one.load));
+    if (one) add(message.t - now, one.volts ?? NaN, one.celsius ?? NaN, one.amps === null ? NaN : Math.abs(one.amps), one.load === null ? NaN : Math.abs(one.load));
   }, box);
 }
 
 // -- stress test -------------------------------------------------------------------------------------------------
 
+/** @type {Part} */
 export function stress(view, place, servo) {
   const who = choice([["all", "all servos"], ["one", `servo ${servo}`]]), count = numeric(1000, { min: 1, max: 100000, step: 1 });
   const start = button("Start", run, { level: "accent" });
@@ -141,7 +154,7 @@ export function stress(view, place, servo) {
     const bars = node("div", { class: "sv-histogram" });
     fill(bars, table("Histogram of the times", ["From", "Share", "#Reads"],
       test.bins.map(([from, times]) => [from, html`<span class="sv-bar" data-share="${times / most}"></span>`, times])));
-    for (const each of bars.querySelectorAll(".sv-bar")) each.style.width = `${100 * each.dataset.share}%`;
+    for (const each of all(bars, ".sv-bar")) each.style.width = `${100 * Number(each.dataset.share)}%`;
     result.replaceChildren(facts(test.facts), bars);
     if (test.missing.length) result.append(fill(node("div"), table("Missing values", ["Servo", "#Missing"], test.missing)));
   }
@@ -149,6 +162,7 @@ export function stress(view, place, servo) {
 
 // -- wave --------------------------------------------------------------------------------------------------------
 
+/** @type {LatePart} */
 export async function wave(view, place, servo) {
   const shape = choice();
   const amplitude = numeric(10, { min: 0.1, max: 45, step: 1 }), period = numeric(2, { min: 0.2, max: 600, step: 0.1 });
@@ -175,7 +189,7 @@ export async function wave(view, place, servo) {
       hold.disabled = false;
     } catch (error) {
       if (mine !== asked) return;
-      put(told, error.message);
+      put(told, whyOf(error));
       hold.disabled = true;
     }
   };
@@ -195,7 +209,7 @@ export async function wave(view, place, servo) {
       result.textContent = "";
     }
     for (const each of message.rows || []) plot.append(each[0], each.slice(1));
-    if (message.end !== undefined) figures(result, message);
+    if (message.end !== undefined) figures(result, message.end, message);
   }, box);
   const shapes = await view.act("wave.shapes");
   if (!shapes) return;
@@ -205,10 +219,15 @@ export async function wave(view, place, servo) {
   check();
 }
 
-function figures(result, message) {
+/**
+ * @param {HTMLElement} result
+ * @param {string} end why it ended
+ * @param {Wave} message
+ */
+function figures(result, end, message) {
   const words = message.samples
-    ? `${message.end}: ${message.samples} samples, ${message.missed} missing, largest error ${number(message.off, 2)} deg`
-    : message.end;
+    ? `${end}: ${message.samples} samples, ${message.missed} missing, largest error ${number(message.off ?? null, 2)} deg`
+    : end;
   result.replaceChildren(hint(words));
   if (!message.steps?.length) return;
   const head = ["#Step at s", "#deg", "#Delay ms", "#Rise ms", "#Overshoot %", "#Settled ms", "#Steady error deg"];

@@ -2,10 +2,11 @@
 // the server says what may be written, and reads it back.
 
 import hexwire from "./live.js";
-import { button, choice, chooser, field, form, hint, numeric, put, row, section, table, valueOf } from "./servos_kit.js";
-import { dialog, download, fill, html, node, question } from "./widgets.js";
+import { button, choice, chooser, field, form, hint, numeric, offer, put, row, section, table, valueOf } from "./servos_kit.js";
+import { dialog, download, fill, html, node, question, within } from "./widgets.js";
 
 const LARGEST = 1 << 20; // bytes of a file of backups
+/** @type {Choice<string>[]} */
 const FILTERS = [
   ["all", "all registers"],
   ["stored", "stored settings"],
@@ -13,14 +14,21 @@ const FILTERS = [
   ["backup", "different from the backup"],
   ["live", "live values"],
 ];
+/** @typedef {import("./servos_kit.js").View} View */
+
 const HEAD = ["Register", "#Value", "Unit", "Change", "#Raw", "Range", "#Factory", "#Backup", "Kept", "#At"];
 
 // -- registers ---------------------------------------------------------------------------------------------------
 
-/** The registers of a servo; behind a board, of the joint's servo. */
+/**
+ * The registers of a servo; behind a board, of the joint's servo.
+ * @param {View} view
+ * @param {HTMLElement} place
+ * @param {number} servo
+ */
 export function registers(view, place, servo) {
   const { joint } = view;
-  const whose = joint ? { joint: joint.name } : { servo }, kind = joint ? "board" : "registers";
+  /** @type {Register[]} */
   let rows = [];
   const shown = choice(FILTERS), find = node("input", { maxlength: 40 });
   const undo = button("Undo", takeBack), body = node("div");
@@ -34,7 +42,7 @@ export function registers(view, place, servo) {
   }
 
   async function read() {
-    const found = await view.act(joint ? "board.registers" : "registers.read", whose);
+    const found = await (joint ? view.act("board.registers", { joint: joint.name }) : view.act("registers.read", { servo }));
     if (!found) return;
     rows = found.rows;
     undo.hidden = !found.undo;
@@ -42,22 +50,24 @@ export function registers(view, place, servo) {
     draw();
   }
 
+  /** @param {Register} one */
   async function edit(one) {
     const typed = await ask(one);
     if (!typed) return;
-    const wanted = { ...whose, register: one.name, ...typed };
-    let made = await view.act(`${kind}.edit`, wanted);
+    const wanted = { register: one.name, ...typed };
+    const write = (sure = false) => (joint ? view.act("board.edit", { joint: joint.name, ...wanted, sure }) : view.act("registers.edit", { servo, ...wanted, sure }));
+    let made = await write();
     if (made?.question) {
       if (!(await question(`Write ${one.name}`, made.question, "Write it"))) return;
-      made = await view.act(`${kind}.edit`, { ...wanted, sure: true });
+      made = await write(true);
     }
     if (!made) return;
-    hexwire.notify(made.told, "ok");
+    hexwire.notify(made.told ?? "", "ok");
     read();
   }
 
   async function takeBack() {
-    const undone = await view.act(`${kind}.undo`);
+    const undone = await view.act(joint ? "board.undo" : "registers.undo");
     if (undone === undefined) return;
     hexwire.notify(undone, "ok");
     read();
@@ -66,22 +76,26 @@ export function registers(view, place, servo) {
   shown.addEventListener("change", draw);
   find.addEventListener("input", draw);
   body.addEventListener("click", (event) => {
-    const pressed = event.target.closest("[data-register]");
-    if (pressed) edit(rows.find((one) => one.name === pressed.dataset.register));
+    const pressed = within(event, "[data-register]"), one = rows.find(({ name }) => name === pressed?.dataset.register);
+    if (one) edit(one);
   });
   read();
 }
 
-export const fits = (one, shown) => ({
-  stored: one.stored,
-  factory: one.differs.includes("factory"),
-  backup: one.differs.includes("backup"),
-  live: one.kept === "until power-off",
-})[shown] ?? true;
+/**
+ * @param {Register} one
+ * @param {string} shown
+ */
+export function fits(one, shown) {
+  if (shown === "stored") return one.stored;
+  if (shown === "live") return one.kept === "until power-off";
+  return shown === "all" || one.differs.includes(shown);
+}
 
+/** @param {Register} one */
 export function cells(one) {
   const words = [one.note, one.words].filter(Boolean).join("; ");
-  const marked = (name) => (one.differs.includes(name) ? html`<mark title="different">${one[name]} ≠</mark>` : one[name]);
+  const marked = (/** @type {"factory" | "backup"} */ name) => (one.differs.includes(name) ? html`<mark title="different">${one[name]} ≠</mark>` : one[name]);
   return [
     html`<span title="${words}">${one.name}</span>${one.words && html`<span class="sv-note">${words}</span>`}`,
     one.value,
@@ -93,9 +107,12 @@ export function cells(one) {
   ];
 }
 
-/** Ask for a value: what was typed, and whether it is raw; null if it was cancelled. */
+/**
+ * Ask for a value: what was typed, and whether it is raw; null if it was cancelled.
+ * @param {Register} one
+ */
 function ask(one) {
-  const unit = choice([...(one.unit ? [["unit", one.unit]] : []), ["raw", "raw count"]]);
+  const unit = choice([...(one.unit ? [/** @type {const} */ (["unit", one.unit])] : []), ["raw", "raw count"]]);
   const text = node("input", { maxlength: 40, autofocus: true });
   const told = hint("");
   const tell = () => {
@@ -112,6 +129,7 @@ function ask(one) {
 
 // -- id and rate -------------------------------------------------------------------------------------------------
 
+/** @type {import("./servos_kit.js").LatePart} */
 export async function identity(view, place, servo) {
   place.append(...section("Id and rate", "The id is changed first, then the rate. Each is read back, and goes back if the servo does not answer. If this is interrupted, the servo has its old or its new address, and is found there again."));
   const id = numeric(servo, { min: 0, max: 253, step: 1 }), rate = choice();
@@ -121,15 +139,16 @@ export async function identity(view, place, servo) {
   again.hidden = true;
   place.append(form(field("New id", id), field("New rate", rate), go), steps, again);
   hexwire.onSteps(({ rows }) => steps.replaceChildren(...rows.map((words) => node("li", {}, words))), steps);
-  const found = await view.choices(rate, "identity.rates", "rates", { servo });
+  const found = await view.act("identity.rates", { servo });
   if (!found) return;
   const here = found.here;
-  if (found.rates.some(([baud]) => baud === here)) rate.value = here;
+  offer(rate, found.rates);
+  if (found.rates.some(([baud]) => baud === here)) rate.value = String(here);
   let wanted = { id: servo, baud: here };
 
   async function change() {
     const number = valueOf(id);
-    if (!Number.isInteger(number)) return hexwire.notify("an id is a whole number from 0 to 253", "error");
+    if (number === null || !Number.isInteger(number)) return hexwire.notify("an id is a whole number from 0 to 253", "error");
     wanted = { id: number, baud: Number(rate.value) || here };
     const what = [];
     if (wanted.id !== servo) what.push(`Servo ${servo} becomes servo ${wanted.id}. An arm that expects servo ${servo} misses it.`);
@@ -150,6 +169,10 @@ export async function identity(view, place, servo) {
     else place.append(hint("Switch its supply off and on, then look again."));
   }
 
+  /**
+   * @param {number} number
+   * @param {string} told
+   */
   async function follow(number, told) {
     hexwire.notify(told, "ok");
     view.selected = number;
@@ -160,8 +183,9 @@ export async function identity(view, place, servo) {
 
 // -- backup ------------------------------------------------------------------------------------------------------
 
+/** @type {import("./servos_kit.js").Part} */
 export function backup(view, place, servo) {
-  const list = node("div"), kind = view.joint ? "board" : "backup";
+  const list = node("div");
   const undo = button("Undo the restore", takeBack);
   undo.hidden = true;
   place.append(
@@ -181,6 +205,7 @@ export function backup(view, place, servo) {
     show();
   }
 
+  /** @param {number[] | null} servos */
   async function take(servos) {
     const made = await (view.joint ? view.act("board.backup") : view.act("backup.take", { servos }));
     if (!made) return;
@@ -188,24 +213,27 @@ export function backup(view, place, servo) {
     download("servos.json", made.file);
   }
 
+  /** @param {File} file */
   async function load(file) {
     if (file.size > LARGEST) return hexwire.notify("the file is larger than 1 MiB", "error");
     const found = await view.send("backup", file);
     if (found) kept(found.servos);
   }
 
+  /** @param {number[]} servos */
   function kept(servos) {
     hexwire.notify(`a backup of servo ${servos.join(", ")}`, "ok");
     show();
   }
 
   async function show() {
-    const found = await view.act(`${kind}.differences`);
+    const found = await view.act(view.joint ? "board.differences" : "backup.differences");
     if (!found) return;
     if (!found.length) list.replaceChildren(hint("No backup was taken or loaded here."));
     else list.replaceChildren(...found.flatMap(one));
   }
 
+  /** @param {Compared} compared */
   function one({ servo: id, title, differences }) {
     const head = node("h4", { class: "sv-h4" }, title);
     if (!differences) return [head, hint("This servo is not here.")];
@@ -215,7 +243,7 @@ export function backup(view, place, servo) {
     const restore = async () => {
       const text = `These stored settings are overwritten: ${names}.\nId and rate stay. Each is read back.`;
       if (!(await question(`Restore servo ${id}`, text, "Restore"))) return;
-      const changed = await view.act(`${kind}.restore`, { servo: id });
+      const changed = await view.act(view.joint ? "board.restore" : "backup.restore", { servo: id });
       if (!changed) return;
       undo.hidden = !view.joint || !changed.length;
       hexwire.notify(`restored: ${changed.join(", ") || "nothing to change"}`, "ok");

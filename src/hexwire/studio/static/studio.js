@@ -4,9 +4,10 @@
 // A page is a module of this folder with `mount(element, { tab, operates })`. It fills the element, listens with
 // `hexwire.onFacts(call, element)` and its like, which end when the element is gone, and asks by `hexwire.call(name, args)`.
 
-import hexwire from "./live.js";
-import { node } from "./widgets.js";
+import hexwire, { required } from "./live.js";
+import { node, within } from "./widgets.js";
 
+/** @type {Record<string, string[]>} */
 const PAGES = {
   "/move": ["Move", "arm.js"],
   "/servos": ["Servos", "servos.js"],
@@ -18,8 +19,9 @@ const PAGES = {
 };
 const THEMES = ["auto", "light", "dark"];
 
-const main = document.getElementById("hw-main");
+const main = required(document, "#hw-main");
 let shown = "";
+/** @type {Element | null} */
 let unloaded = null; // the page that could not be loaded last
 
 async function show() {
@@ -48,29 +50,33 @@ async function show() {
 }
 hexwire.onLink((is) => is && unloaded?.isConnected && location.reload());
 
-/** Go to a page. */
+/**
+ * Go to a page.
+ * @param {string} path
+ */
 export function go(path) {
   history.pushState(null, "", path);
   show();
 }
 
 document.addEventListener("click", (event) => {
-  const link = /** @type {HTMLAnchorElement | null} */ (/** @type {Element} */ (event.target).closest("a[href]"));
+  const link = within(event, "a[href]");
   const plain = event.button === 0 && !event.ctrlKey && !event.metaKey && !event.shiftKey;
-  if (!link || !plain || link.origin !== location.origin || link.hash || link.download || !(link.pathname in PAGES)) return;
+  if (!(link instanceof HTMLAnchorElement) || !plain || link.origin !== location.origin || link.hash || link.download || !(link.pathname in PAGES)) return;
   event.preventDefault();
   if (link.pathname !== location.pathname) go(link.pathname);
 });
 addEventListener("popstate", show);
 
-const sheet = /** @type {HTMLDetailsElement} */ (document.getElementById("hw-status"));
+const sheet = required(document, "#hw-status", HTMLDetailsElement);
 document.addEventListener("pointerdown", ({ target }) => sheet.contains(/** @type {Node} */ (target)) || (sheet.open = false));
 
 // -- the theme -------------------------------------------------------------------------------------------------
 
-const button = document.getElementById("hw-theme");
+const button = required(document, "#hw-theme");
 const dark = matchMedia("(prefers-color-scheme: dark)");
-let theme = THEMES.includes(localStorage.getItem("hexwire-theme")) ? localStorage.getItem("hexwire-theme") : "auto";
+const kept = localStorage.getItem("hexwire-theme") ?? "";
+let theme = THEMES.includes(kept) ? kept : "auto";
 
 function paint() {
   const isDark = theme === "auto" ? dark.matches : theme === "dark";

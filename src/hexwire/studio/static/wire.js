@@ -1,9 +1,9 @@
 // The page Wire: asks the studio for rows as fast as the browser can draw them, and for one frame when it is selected.
 // Owns filter, source and pause; wire_list.js draws the rows, wire_detail.js one frame.
 
-import hexwire from "./live.js";
+import hexwire, { required } from "./live.js";
 import { ask, save, withQuery } from "./columns.js";
-import { chips, loadSheet, node } from "./widgets.js";
+import { chips, loadSheet, node, whyOf } from "./widgets.js";
 import { Detail } from "./wire_detail.js";
 import { FrameList, NUMBER } from "./wire_list.js";
 
@@ -37,23 +37,56 @@ const HELP = [
   ["not ...", "the next condition must not hold; all others must"],
 ];
 
+/**
+ * @param {HTMLElement} root
+ * @param {Visitor} args
+ */
 export async function mount(root, args) {
   root.classList.add("hw-wire");
   await Promise.all(["wire", "plots"].map((name) => loadSheet(`/static/${name}.css`)));
   new WirePage(root, args.tab);
 }
 
+/** @type {(text: string, on: () => unknown, more?: Record<string, string | boolean>) => HTMLButtonElement} */
+const button = (text, on, more = {}) => node("button", { type: "button", class: "hw-button", onclick: on, ...more }, text);
+
 class WirePage {
+  source = 0;
+  since = 0;
+  offset = 0;
+  hidden = (sessionStorage.getItem(HIDDEN) ?? "").split(" ").filter(Boolean);
+  paused = false;
+  /** @type {object | null} */
+  asking = null;
+  /** @type {object | null} */
+  selecting = null;
+  rate = { number: 0, time: 0, value: 0 };
+  timer = 0;
+  typing = 0;
+
+  filterBox = node("input", {
+    id: "hw-wire-filter", class: "hw-wire-input", type: "text", spellcheck: "false", autocomplete: "off", maxlength: "150",
+    placeholder: "servo 3 joint_move", oninput: () => this.setFilter(), "aria-describedby": "hw-wire-problem",
+  });
+  pauseButton = button("Pause", () => this.setPaused(!this.paused), { "aria-pressed": "false" });
+  followBox = node("input", { type: "checkbox", checked: true });
+  seriesBox = node("select", { class: "hw-wire-input" });
+  fileBox = node("input", { type: "file", class: "hw-wire-file", "aria-label": "Open a recording, capture or log" });
+  liveButton = button("Back to the line", () => this.backToLine(), { hidden: true });
+  problem = node("span", { id: "hw-wire-problem", class: "hw-wire-error", role: "alert" });
+  refusal = node("span", { class: "hw-wire-error", role: "alert" });
+  status = node("span", { class: "hw-wire-status" });
+  note = node("p", { class: "hw-wire-note", hidden: true });
+  listBox = node("div", { class: "hw-wire-list", role: "listbox", tabindex: "0", "aria-label": "Frames" });
+  detailBox = node("section", { class: "hw-wire-detail", "aria-label": "The selected frame" });
+
+  /**
+   * @param {HTMLElement} root
+   * @param {string} tab
+   */
   constructor(root, tab) {
     this.root = root;
     this.tab = tab;
-    this.source = 0;
-    this.since = 0;
-    this.offset = 0;
-    this.hidden = (sessionStorage.getItem(HIDDEN) ?? "").split(" ").filter(Boolean);
-    this.paused = false;
-    this.asking = null;
-    this.rate = { number: 0, time: 0, value: 0 };
     this.build();
     this.filter = this.wanted();
     this.list = new FrameList(this.listBox, {
@@ -65,6 +98,7 @@ class WirePage {
     });
     // As it was left: the page is made anew each time that somebody comes to it.
     this.list.setFollow(sessionStorage.getItem(FOLLOW) !== "0");
+    this.followBox.addEventListener("change", () => this.list.setFollow(this.followBox.checked));
     this.detail = new Detail(this.detailBox, { onSelect: (number) => this.list.select(number) });
     this.poll();
   }
@@ -72,23 +106,9 @@ class WirePage {
   // -- elements ------------------------------------------------------------------------------------------
 
   build() {
-    const button = (text, on, more = {}) => node("button", { type: "button", class: "hw-button", onclick: on, ...more }, text);
-    this.filterBox = node("input", {
-      id: "hw-wire-filter", class: "hw-wire-input", type: "text", spellcheck: "false", autocomplete: "off", maxlength: "150",
-      placeholder: "servo 3 joint_move", oninput: () => this.setFilter(), "aria-describedby": "hw-wire-problem",
-    });
-    this.pauseButton = button("Pause", () => this.setPaused(!this.paused), { "aria-pressed": "false" });
-    this.followBox = node("input", { type: "checkbox", checked: true, onchange: () => this.list.setFollow(this.followBox.checked) });
-    this.seriesBox = node("select", { class: "hw-wire-input", onchange: () => this.setSeries() });
     for (const [value, text] of SERIES) this.seriesBox.append(node("option", { value }, text));
-    this.fileBox = node("input", { type: "file", class: "hw-wire-file", "aria-label": "Open a recording, capture or log", onchange: () => this.openFile(this.fileBox.files[0]) });
-    this.liveButton = button("Back to the line", () => this.backToLine(), { hidden: true });
-    this.problem = node("span", { id: "hw-wire-problem", class: "hw-wire-error", role: "alert" });
-    this.refusal = node("span", { class: "hw-wire-error", role: "alert" });
-    this.status = node("span", { class: "hw-wire-status" });
-    this.note = node("p", { class: "hw-wire-note", hidden: true });
-    this.listBox = node("div", { class: "hw-wire-list", role: "listbox", tabindex: "0", "aria-label": "Frames" });
-    this.detailBox = node("section", { class: "hw-wire-detail", "aria-label": "The selected frame" });
+    this.seriesBox.addEventListener("change", () => this.setSeries());
+    this.fileBox.addEventListener("change", () => this.openFile(this.fileBox.files?.[0]));
     const help = node("dl", { class: "hw-wire-help" });
     for (const [word, text] of HELP) help.append(node("dt", {}, word), node("dd", {}, text));
     this.root.replaceChildren(
@@ -116,12 +136,12 @@ class WirePage {
     this.root.addEventListener("dragover", (event) => event.preventDefault());
     this.root.addEventListener("drop", (event) => {
       event.preventDefault();
-      if (event.dataTransfer.files.length) this.openFile(event.dataTransfer.files[0]);
+      this.openFile(event.dataTransfer?.files[0]);
     });
     const seen = () => (this.root.isConnected ? this.poll() : document.removeEventListener("visibilitychange", seen));
     document.addEventListener("visibilitychange", seen);
     // The panes end at the bottom of the window, whatever the header needs.
-    const panes = this.root.querySelector(".hw-wire-panes");
+    const panes = required(this.root, ".hw-wire-panes");
     const fit = () => {
       const top = panes.getBoundingClientRect().top + window.scrollY;
       panes.style.setProperty("--height", `${Math.max(360, window.innerHeight - top - 14)}px`);
@@ -150,8 +170,7 @@ class WirePage {
 
   // One question at a time, so that a slow browser asks less often, and nothing piles up.
   async poll() {
-    if (this.timer) clearTimeout(this.timer);
-    this.timer = null;
+    clearTimeout(this.timer);
     if (!this.root.isConnected || this.paused || document.hidden || this.asking) return;
     if (!hexwire.connected) {
       this.timer = setTimeout(() => this.poll(), PERIOD);
@@ -167,7 +186,7 @@ class WirePage {
       if (page.more) wait = 0;
     } catch (error) {
       if (this.asking !== turn) return;
-      this.fail(error.message);
+      this.fail(whyOf(error));
       wait = SLOW;
     }
     this.asking = null;
@@ -175,6 +194,7 @@ class WirePage {
     else requestAnimationFrame(() => this.poll());
   }
 
+  /** @param {WireRows} page */
   take(page) {
     if (page.id !== this.source || page.next < this.since) {
       const first = this.source === 0;
@@ -196,6 +216,7 @@ class WirePage {
     this.show(page);
   }
 
+  /** @param {WireRows} page */
   show(page) {
     const now = performance.now();
     if (now - this.rate.time > 1000) {
@@ -213,11 +234,13 @@ class WirePage {
     if (document.activeElement !== this.seriesBox) this.seriesBox.value = page.series;
   }
 
+  /** @param {string} text */
   fail(text) {
     if (this.problem.textContent !== text) this.problem.textContent = text;
     this.filterBox.setAttribute("aria-invalid", text ? "true" : "false");
   }
 
+  /** @param {number} number */
   async select(number) {
     const turn = (this.selecting = {});
     try {
@@ -225,7 +248,7 @@ class WirePage {
       if (this.selecting === turn) this.detail.show(data, this.offset);
       if (this.list.selected !== number) this.list.select(number, { quiet: true });
     } catch (error) {
-      if (this.selecting === turn) this.detail.clear(error.message);
+      if (this.selecting === turn) this.detail.clear(whyOf(error));
     }
   }
 
@@ -253,6 +276,7 @@ class WirePage {
     this.detail.clear();
   }
 
+  /** @param {boolean} paused */
   setPaused(paused) {
     this.paused = paused;
     this.pauseButton.textContent = paused ? "Go on" : "Pause";
@@ -260,18 +284,20 @@ class WirePage {
     this.poll();
   }
 
+  /** @param {() => Promise<unknown>} call */
   async act(call) {
     this.refusal.textContent = "";
     try {
       await call();
     } catch (error) {
-      this.refusal.textContent = error.message;
+      this.refusal.textContent = whyOf(error);
       return;
     }
     this.asking = null;
     this.poll();
   }
 
+  /** @param {File} [file] */
   async openFile(file) {
     if (!file) return;
     const address = withQuery("/wire/open", { tab: this.tab, name: file.name, series: this.seriesBox.value });
@@ -289,6 +315,7 @@ class WirePage {
     return this.act(() => hexwire.call("wire.series", { series: this.seriesBox.value }));
   }
 
+  /** @param {string} form */
   save(form) {
     return this.act(() => save("/wire/save", { tab: this.tab, form }));
   }

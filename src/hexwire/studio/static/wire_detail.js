@@ -1,16 +1,29 @@
 // One frame: its bytes, and the tree of its layers and fields. Pick a byte and see its field, pick a field and see its
 // bytes, by mouse or by keyboard.
 
-import { BAD, PROBLEM, SENT, SIZE, TEXT, TIME, clock } from "./wire_list.js";
+import { BAD, PROBLEM, REQUEST, SENT, SIZE, TEXT, TIME, clock } from "./wire_list.js";
+import { put, within } from "./widgets.js";
 
 const SELECT = "Select a frame in the list to see its bytes and fields here.";
 const WIDTH = 16;
 const MOST_PARTS = 1500;
 const MOST_BYTES = 8192;
+/** @type {Record<string, string>} */
 const LAYERS = { "session header": "session", "command frame": "command", body: "body", "servo packet": "servo" };
 
+/** @type {Set<string>} */
 const closed = new Set(); // names of the parts that the user has folded, in every frame
 
+/**
+ * A part in the tree; `within` are those that it consists of, as far as they are shown.
+ * @typedef {WirePart & { level: number, parent: Piece | null, index: number, layer: string, item: HTMLElement, shown: boolean, within: Piece[] }} Piece
+ */
+
+/**
+ * @template {keyof HTMLElementTagNameMap} T
+ * @param {T} tag
+ * @param {string} name
+ */
 function make(tag, name, text = "") {
   const element = document.createElement(tag);
   if (name) element.className = name;
@@ -19,6 +32,10 @@ function make(tag, name, text = "") {
 }
 
 // Scrolls an item of a box into sight, and nothing around the box.
+/**
+ * @param {HTMLElement} box
+ * @param {HTMLElement | undefined} item
+ */
 function reveal(box, item) {
   if (!item || box.scrollHeight <= box.clientHeight) return;
   const outer = box.getBoundingClientRect();
@@ -28,11 +45,22 @@ function reveal(box, item) {
 }
 
 export class Detail {
+  /** @type {WireFrame | null} */
+  data = null;
+  /** @type {Piece | null} */
+  chosen = null;
+  /** @type {Piece[]} */
+  parts = [];
+  /** @type {HTMLElement[]} */
+  cells = []; // of the bytes
+  byte = 0;
+
+  /**
+   * @param {HTMLElement} element
+   * @param {{ onSelect: (number: number) => void }} told
+   */
   constructor(element, { onSelect }) {
     this.onSelect = onSelect;
-    this.data = null;
-    this.chosen = null; // a part
-    this.byte = 0;
     this.head = make("div", "hw-wire-head");
     this.head.setAttribute("role", "status");
     this.bytes = make("div", "hw-wire-bytes");
@@ -48,10 +76,10 @@ export class Detail {
     element.append(this.head, this.bytes, this.info, this.tree);
     this.bytes.addEventListener("keydown", (event) => this.byteKey(event));
     this.tree.addEventListener("keydown", (event) => this.treeKey(event));
-    for (const [name, box] of [["byte", this.bytes], ["part", this.tree]]) {
-      box.addEventListener("pointerover", (event) => this.hover(event, name));
+    for (const box of [this.bytes, this.tree]) {
+      box.addEventListener("pointerover", (event) => this.hover(event));
       box.addEventListener("pointerleave", () => this.mark(this.chosen));
-      box.addEventListener("click", (event) => this.click(event, name));
+      box.addEventListener("click", (event) => this.click(event));
     }
     this.clear();
   }
@@ -68,6 +96,10 @@ export class Detail {
     this.info.hidden = true;
   }
 
+  /**
+   * @param {WireFrame} data
+   * @param {number} offset
+   */
   show(data, offset) {
     const before = this.chosen && this.chosen.start;
     this.data = data;
@@ -82,28 +114,39 @@ export class Detail {
     const first = this.parts.find((part) => part.name === "cmd" || part.name === "instruction" || part.name === "error");
     const wrong = this.parts.find((part) => part.problem && !part.parts);
     this.choose(wrong || kept || first || this.parts[0], { scroll: false });
-    reveal(this.tree, this.chosen.item);
+    reveal(this.tree, this.chosen?.item);
   }
 
+  /**
+   * @param {WirePart} part
+   * @param {number} level
+   * @param {Piece | null} parent
+   */
   collect(part, level, parent) {
     if (this.parts.length >= MOST_PARTS) return;
-    part.level = level;
-    part.parent = parent;
-    part.index = this.parts.length;
-    part.layer = LAYERS[part.name] || (parent && parent.layer) || "";
-    this.parts.push(part);
-    for (const child of part.parts || []) this.collect(child, level + 1, part);
+    const layer = LAYERS[part.name] || parent?.layer || "";
+    /** @type {Piece} */
+    const piece = { ...part, level, parent, index: this.parts.length, layer, item: make("div", "hw-wire-part"), shown: false, within: [] };
+    this.parts.push(piece);
+    parent?.within.push(piece);
+    for (const child of part.parts || []) this.collect(child, level + 1, piece);
   }
 
+  /** @param {number} at */
   leaf(at) {
     return this.parts.findLast((part) => part.start <= at && at < part.end) || this.parts[0];
   }
 
+  /**
+   * @param {WireFrame} data
+   * @param {number} offset
+   */
   showHead(data, offset) {
     const row = data.row;
     const when = row[TIME] ? ` ${clock(row[TIME], offset)}` : "";
     const words = `Frame ${data.number}, ${row[SENT] ? "sent" : "received"}${when}, ${row[SIZE]} bytes. `;
     this.head.replaceChildren(words);
+    /** @type {(number: number, text: string) => void} */
     const pair = (number, text) => {
       const button = make("button", "hw-wire-link", text);
       button.type = "button";
@@ -111,13 +154,14 @@ export class Detail {
       this.head.append(button, " ");
     };
     const after = data.took === null ? "" : ` after ${data.took.toFixed(2)} ms`;
-    if (row[8]) pair(row[8], `Answers ${row[8]}${after}`);
+    if (row[REQUEST]) pair(row[REQUEST], `Answers ${row[REQUEST]}${after}`);
     if (data.answered) pair(data.answered, `Answered by ${data.answered}${after}`);
     const told = row[PROBLEM] && row[TEXT].includes(row[PROBLEM]);
     this.head.append(make("div", `hw-wire-text-of${told ? (row[BAD] ? " hw-wire-error" : " hw-wire-warning") : ""}`, row[TEXT]));
     if (row[PROBLEM] && !told) this.head.append(make("div", row[BAD] ? "hw-wire-error" : "hw-wire-warning", row[PROBLEM]));
   }
 
+  /** @param {string} hex */
   showBytes(hex) {
     const size = Math.min(hex.length / 2, MOST_BYTES);
     const boxes = document.createDocumentFragment();
@@ -131,7 +175,7 @@ export class Detail {
       const cell = make("span", "hw-wire-byte", hex.slice(2 * i, 2 * i + 2).toUpperCase());
       const leaf = this.leaf(i);
       cell.id = `hw-wire-byte-${i}`;
-      cell.dataset.at = i;
+      cell.dataset.at = String(i);
       cell.dataset.layer = leaf.layer;
       if (leaf.problem) cell.dataset.problem = "yes";
       cell.setAttribute("role", "option");
@@ -145,13 +189,13 @@ export class Detail {
   showTree() {
     const boxes = document.createDocumentFragment();
     for (const part of this.parts) {
-      const item = make("div", "hw-wire-part");
+      const { item } = part;
       item.id = `hw-wire-part-${part.index}`;
-      item.dataset.index = part.index;
+      item.dataset.index = String(part.index);
       item.dataset.layer = part.layer;
       item.setAttribute("role", "treeitem");
-      item.setAttribute("aria-level", part.level);
-      item.style.setProperty("--level", part.level - 1);
+      item.setAttribute("aria-level", String(part.level));
+      item.style.setProperty("--level", String(part.level - 1));
       if (part.problem) item.classList.add("hw-wire-wrong");
       const place = part.end - part.start === 1 ? `${part.start}` : `${part.start}–${part.end - 1}`;
       item.append(
@@ -160,7 +204,6 @@ export class Detail {
         make("span", "hw-wire-words", part.words || ""),
         make("span", "hw-wire-range", place),
       );
-      part.item = item;
       boxes.append(item);
     }
     if (this.parts.length >= MOST_PARTS) boxes.append(make("div", "hw-wire-note", "More fields follow; see the bytes."));
@@ -174,41 +217,47 @@ export class Detail {
       part.item.hidden = !part.shown;
       if (part.parts) {
         part.item.setAttribute("aria-expanded", closed.has(part.name) ? "false" : "true");
-        part.item.firstChild.textContent = closed.has(part.name) ? "▸" : "▾";
+        put(part.item.children[0], closed.has(part.name) ? "▸" : "▾");
       }
     }
   }
 
   // -- choosing ------------------------------------------------------------------------------------------
 
-  hover(event, kind) {
-    const part = this.partAt(event, kind);
+  /** @param {Event} event */
+  hover(event) {
+    const part = this.partAt(event);
     if (part) this.mark(part);
   }
 
-  click(event, kind) {
-    const part = this.partAt(event, kind);
+  /** @param {Event} event */
+  click(event) {
+    const part = this.partAt(event);
     if (!part) return;
-    if (kind === "part" && part.parts && event.target.closest(".hw-wire-fold")) this.toggle(part);
-    if (kind === "byte") this.byte = Number(event.target.closest(".hw-wire-byte").dataset.at);
-    else this.byte = part.start;
+    if (part.parts && within(event, ".hw-wire-fold")) this.toggle(part);
+    this.byte = Number(within(event, ".hw-wire-byte")?.dataset.at ?? part.start);
     this.choose(part);
   }
 
-  partAt(event, kind) {
-    const found = event.target.closest(kind === "byte" ? ".hw-wire-byte" : ".hw-wire-part");
-    if (!found) return null;
-    return kind === "byte" ? this.leaf(Number(found.dataset.at)) : this.parts[Number(found.dataset.index)];
+  /**
+   * The part of the byte, or the part itself, from which an event came.
+   * @param {Event} event
+   */
+  partAt(event) {
+    const byte = within(event, ".hw-wire-byte"), part = within(event, ".hw-wire-part");
+    return byte ? this.leaf(Number(byte.dataset.at)) : part && this.parts[Number(part.dataset.index)];
   }
 
+  /** @param {Piece} part */
   toggle(part, so = !closed.has(part.name)) {
     if (so) closed.add(part.name);
     else closed.delete(part.name);
     this.fold();
   }
 
+  /** @param {Piece} part */
   choose(part, { scroll = true } = {}) {
-    if (this.chosen && this.chosen.item) this.chosen.item.removeAttribute("aria-selected");
+    this.chosen?.item.removeAttribute("aria-selected");
     this.chosen = part;
     if (this.byte < part.start || this.byte >= part.end) this.byte = part.start;
     for (let above = part.parent; above; above = above.parent) closed.delete(above.name);
@@ -224,9 +273,10 @@ export class Detail {
   }
 
   // Shows which bytes and which item belong together, for what is chosen or under the pointer.
+  /** @param {Piece | null} part */
   mark(part) {
-    if (!part || !this.data) return;
-    const chosen = this.chosen;
+    const { chosen } = this;
+    if (!part || !chosen || !this.data) return;
     for (let i = 0; i < this.cells.length; i += 1) {
       const classes = this.cells[i].classList;
       classes.toggle("hw-wire-on", part.start <= i && i < part.end);
@@ -245,7 +295,9 @@ export class Detail {
     this.info.replaceChildren(...lines);
   }
 
+  /** @param {KeyboardEvent} event */
   byteKey(event) {
+    /** @type {Record<string, number>} */
     const steps = { ArrowRight: 1, ArrowLeft: -1, ArrowDown: WIDTH, ArrowUp: -WIDTH, Home: -Infinity, End: Infinity };
     if (!(event.key in steps) || !this.data || event.altKey || event.ctrlKey || event.metaKey) return;
     event.preventDefault();
@@ -253,19 +305,22 @@ export class Detail {
     this.choose(this.leaf(this.byte));
   }
 
+  /** @param {KeyboardEvent} event */
   treeKey(event) {
-    if (!this.data || event.altKey || event.ctrlKey || event.metaKey) return;
+    const { chosen } = this;
+    if (!this.data || !chosen || event.altKey || event.ctrlKey || event.metaKey) return;
     const shown = this.parts.filter((part) => part.shown);
-    const at = shown.indexOf(this.chosen);
+    const at = shown.indexOf(chosen);
+    /** @type {Record<string, number>} */
     const steps = { ArrowDown: 1, ArrowUp: -1, Home: -Infinity, End: Infinity };
     if (event.key in steps) {
       this.choose(shown[Math.min(shown.length - 1, Math.max(0, at + steps[event.key]))]);
     } else if (event.key === "ArrowLeft") {
-      if (this.chosen.parts && !closed.has(this.chosen.name)) this.toggle(this.chosen, true);
-      else if (this.chosen.parent) this.choose(this.chosen.parent);
-    } else if (event.key === "ArrowRight" && this.chosen.parts) {
-      if (closed.has(this.chosen.name)) this.toggle(this.chosen, false);
-      else this.choose(this.chosen.parts[0]);
+      if (chosen.parts && !closed.has(chosen.name)) this.toggle(chosen, true);
+      else if (chosen.parent) this.choose(chosen.parent);
+    } else if (event.key === "ArrowRight" && chosen.parts) {
+      if (closed.has(chosen.name)) this.toggle(chosen, false);
+      else if (chosen.within.length) this.choose(chosen.within[0]);
     } else {
       return;
     }

@@ -1,7 +1,7 @@
 // The list of frames: any number of rows, of which only the visible ones are elements. A batch of rows is drawn once,
 // in the next frame of the browser.
 
-import { put } from "./widgets.js";
+import { node, put, within } from "./widgets.js";
 
 const ROW = 22; // px, as in wire.css
 const MOST = 10000; // as many as the studio keeps
@@ -10,31 +10,49 @@ const SPARE = 8; // rows above and below what is visible
 // Places in a row, as traffic.py writes it.
 export const NUMBER = 0, TIME = 1, SENT = 2, KIND = 3, SIZE = 4, TEXT = 5, PROBLEM = 6, BAD = 7, REQUEST = 8, TOOK = 9;
 
+/**
+ * @param {number} seconds
+ * @param {number} offset
+ */
 export function clock(seconds, offset) {
   if (!seconds) return "–";
   const at = seconds + offset;
   if (at < 1e8) return `${at.toFixed(6)} s`;
   const date = new Date(at * 1000);
-  const two = (value) => String(value).padStart(2, "0");
+  const two = (/** @type {number} */ value) => String(value).padStart(2, "0");
   const milli = String(date.getMilliseconds()).padStart(3, "0");
   return `${two(date.getHours())}:${two(date.getMinutes())}:${two(date.getSeconds())}.${milli}`;
 }
 
+/**
+ * The element of a row, the cells in it, and what they show.
+ * @typedef {{ element: HTMLElement, cells: HTMLElement[], key: string }} Line
+ */
+
 export class FrameList {
+  /** @type {WireRow[]} */
+  rows = [];
+  /** @type {Set<number>} */
+  partners = new Set();
+  /** @type {Map<number, number>} */
+  answers = new Map(); // by request
+  /** @type {Line[]} */
+  pool = [];
+
+  /**
+   * @param {HTMLElement} element
+   * @param {{ onSelect: (number: number) => void, onFollow: (follow: boolean) => void }} told
+   */
   constructor(element, { onSelect, onFollow }) {
     this.element = element;
     this.onSelect = onSelect;
     this.onFollow = onFollow;
-    this.rows = [];
     this.offset = 0;
     this.selected = 0;
-    this.partners = new Set();
-    this.answers = new Map(); // request -> [answer, ms]
     this.follow = true; // what the person wants: only the box ticks it, and scrolling back unticks it
     this.live = true; // a file does not go on
     this.placed = 0; // where the list was put last, not by the person
     this.held = false; // by a finger, the mouse on its bar, or a key: only then does scrolling say what the person wants
-    this.pool = [];
     this.asked = false;
     this.inner = document.createElement("div");
     this.inner.className = "hw-wire-inner";
@@ -42,17 +60,18 @@ export class FrameList {
     element.append(this.inner);
     element.addEventListener("scroll", () => this.scrolled());
     // The list may have moved on between press and release: what was pressed counts.
-    let pressed = null;
-    const at = (event) => event.target.closest(".hw-wire-row")?.dataset.number;
+    /** @type {string | undefined} */
+    let pressed;
+    const at = (/** @type {Event} */ event) => within(event, ".hw-wire-row")?.dataset.number;
     element.addEventListener("pointerdown", (event) => (pressed = at(event)));
     element.addEventListener("click", (event) => {
       const number = pressed || at(event);
-      pressed = null;
+      pressed = undefined;
       if (number) this.select(Number(number));
     });
     element.addEventListener("keydown", (event) => this.key(event));
     element.addEventListener("wheel", (event) => this.wheel(event), { passive: true });
-    const hold = (until) => {
+    const hold = (/** @type {string} */ until) => {
       this.held = true;
       window.addEventListener(until, () => (this.held = false), { once: true });
     };
@@ -66,7 +85,7 @@ export class FrameList {
 
   clear() {
     this.rows = [];
-    for (const element of this.pool) element.key = "";
+    for (const line of this.pool) line.key = "";
     this.answers.clear();
     this.selected = 0;
     this.partners.clear();
@@ -74,11 +93,12 @@ export class FrameList {
     this.draw();
   }
 
+  /** @param {WireRow[]} rows */
   push(rows) {
     if (!rows.length) return;
     for (const row of rows) {
       this.rows.push(row);
-      if (row[REQUEST]) this.answers.set(row[REQUEST], [row[NUMBER], row[TOOK]]);
+      if (row[REQUEST]) this.answers.set(row[REQUEST], row[NUMBER]);
     }
     if (this.rows.length > MOST + 1000) {
       const gone = this.rows.splice(0, this.rows.length - MOST);
@@ -89,6 +109,7 @@ export class FrameList {
   }
 
   // The place of a number, or of the first one after it.
+  /** @param {number} number */
   place(number) {
     let low = 0;
     let high = this.rows.length;
@@ -100,11 +121,13 @@ export class FrameList {
     return low;
   }
 
+  /** @param {number} number */
   find(number) {
     const row = this.rows[this.place(number)];
     return row && row[NUMBER] === number ? row : null;
   }
 
+  /** @param {number} number */
   select(number, { quiet = false } = {}) {
     const place = this.place(number);
     const row = this.rows[place];
@@ -113,7 +136,7 @@ export class FrameList {
     if (row && row[NUMBER] === number) {
       if (row[REQUEST]) this.partners.add(row[REQUEST]);
       const answer = this.answers.get(number);
-      if (answer) this.partners.add(answer[0]);
+      if (answer) this.partners.add(answer);
       const top = place * ROW;
       if (top < this.element.scrollTop) this.element.scrollTop = top;
       const under = top + ROW - this.element.clientHeight;
@@ -123,8 +146,10 @@ export class FrameList {
     if (!quiet) this.onSelect(number);
   }
 
+  /** @param {KeyboardEvent} event */
   key(event) {
     const page = Math.max(1, Math.floor(this.element.clientHeight / ROW) - 1);
+    /** @type {Record<string, number>} */
     const steps = { ArrowDown: 1, ArrowUp: -1, PageDown: page, PageUp: -page, Home: -Infinity, End: Infinity };
     if (!(event.key in steps) || !this.rows.length || event.altKey || event.ctrlKey || event.metaKey) return;
     event.preventDefault();
@@ -135,6 +160,7 @@ export class FrameList {
     this.select(this.rows[to][NUMBER]);
   }
 
+  /** @param {WheelEvent} event */
   wheel(event) {
     const { scrollHeight, clientHeight } = this.element;
     if (event.deltaY < 0 && scrollHeight > clientHeight) this.setFollow(false);
@@ -145,6 +171,7 @@ export class FrameList {
     this.draw();
   }
 
+  /** @param {boolean} follow */
   setFollow(follow) {
     if (follow === this.follow) return;
     this.follow = follow;
@@ -171,13 +198,13 @@ export class FrameList {
     const seen = Math.min(element.clientHeight, window.innerHeight); // however tall the list is without its style
     const last = Math.min(rows.length, Math.ceil((element.scrollTop + seen) / ROW) + SPARE);
     // A row keeps its element while it is in sight, so that little changes when new ones come.
-    while (this.pool.length < last - first) this.pool.push(this.rowElement());
+    while (this.pool.length < last - first) this.pool.push(this.line());
     const size = this.pool.length;
     for (let i = first; i < last; i += 1) this.fill(this.pool[i % size], rows[i], i);
     for (let i = last; i < first + size; i += 1) {
-      const element = this.pool[i % size];
-      if (!element.hidden) element.hidden = true;
-      element.key = "";
+      const line = this.pool[i % size];
+      if (!line.element.hidden) line.element.hidden = true;
+      line.key = "";
     }
     if (this.selected && document.getElementById(`hw-wire-${this.selected}`)) {
       element.setAttribute("aria-activedescendant", `hw-wire-${this.selected}`);
@@ -186,42 +213,43 @@ export class FrameList {
     }
   }
 
-  rowElement() {
-    const row = document.createElement("div");
-    row.setAttribute("role", "option");
-    row.setAttribute("aria-setsize", "-1");
-    for (const name of ["number", "time", "way", "text", "took"]) {
-      const cell = document.createElement("span");
-      cell.className = `hw-wire-${name}`;
-      row.append(cell);
-    }
-    this.inner.append(row);
-    return row;
+  /** @returns {Line} */
+  line() {
+    const cells = ["number", "time", "way", "text", "took"].map((name) => node("span", { class: `hw-wire-${name}` }));
+    const element = node("div", { role: "option", "aria-setsize": "-1" }, ...cells);
+    this.inner.append(element);
+    return { element, cells, key: "" };
   }
 
-  fill(element, row, place) {
+  /**
+   * @param {Line} line
+   * @param {WireRow} row
+   * @param {number} place
+   */
+  fill(line, row, place) {
     const number = row[NUMBER];
     const selected = number === this.selected;
     const answer = this.answers.get(number);
     const partner = this.partners.has(number);
-    const key = `${number} ${place} ${selected} ${partner} ${answer ? answer[0] : ""}`;
-    if (element.key === key) return;
-    element.key = key;
-    const [numberCell, time, way, text, took] = element.children;
+    const key = `${number} ${place} ${selected} ${partner} ${answer ?? ""}`;
+    if (line.key === key) return;
+    line.key = key;
+    const { element, cells: [numberCell, time, way, text, took] } = line;
     const level = row[BAD] ? " hw-wire-bad" : row[PROBLEM] ? " hw-wire-doubt" : "";
     element.className = `hw-wire-row${level}${selected ? " hw-wire-selected" : ""}${partner ? " hw-wire-partner" : ""}`;
     element.hidden = false;
     element.id = `hw-wire-${number}`;
-    element.dataset.number = number;
+    element.dataset.number = String(number);
     element.style.transform = `translateY(${place * ROW}px)`;
     element.setAttribute("aria-selected", selected ? "true" : "false");
-    element.setAttribute("aria-posinset", place + 1);
+    element.setAttribute("aria-posinset", String(place + 1));
     put(numberCell, String(number));
     put(time, clock(row[TIME], this.offset));
     put(way, row[SENT] ? "→" : "←");
     way.title = row[SENT] ? "sent" : "received";
     put(text, row[TEXT]);
     text.title = row[PROBLEM] || row[TEXT];
-    put(took, row[TOOK] !== null ? `${row[TOOK].toFixed(2)} ms` : answer ? `▸${answer[0]}` : "");
+    const ms = row[TOOK];
+    put(took, ms !== null ? `${ms.toFixed(2)} ms` : answer ? `▸${answer}` : "");
   }
 }

@@ -1,3 +1,3 @@
-// Of three.js, whose types are larger than all that they would find in the one module that draws with it.
-declare const untyped: any;
+// Of three.js, whose types are larger than all that they would find in the two modules that use it.
+declare const untyped: Three;
 export = untyped;
