@@ -119,7 +119,7 @@ export async function mount(element, args) {
   }
 
   async function toggleRecord() {
-    if (!state.list.recorder.name) await act("recordings.record", { cameras: seen.checked });
+    if (!state.list?.recorder.name) await act("recordings.record", { cameras: seen.checked });
     else {
       const ended = await act("recordings.end");
       if (ended !== undefined) say(ended);
