@@ -16,6 +16,7 @@ from tests.studio.holder import JOG, Holder, set_silence
 from tests.studio.running import PATIENCE, Visitor, press, until
 
 from hexwire.studio.access import Right
+from hexwire.studio.calls import CallLane
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -169,7 +170,7 @@ def test_what_a_watcher_asks_for_leaves_the_motion_of_others_alone(moving: Calla
 
 @pytest.mark.slow
 def test_a_resume_from_before_a_stop_does_not_end_it(studio: RunningStudio, operator: Page) -> None:
-    owner, workers, free = studio.arm.owner, studio.studio._workers[Right.OPERATE], threading.Event()
+    owner, workers, free = studio.arm.owner, studio.studio._lanes[CallLane.WAITS, Right.OPERATE], threading.Event()
     operator.keyboard.press("Escape")
     operator.get_by_role("button", name="Resume").wait_for()
     number = owner.group.epochs.number

@@ -12,6 +12,7 @@ import pytest
 from tests.studio.running import Visitor, until
 
 from hexwire.studio.access import Right
+from hexwire.studio.calls import CallLane
 
 if TYPE_CHECKING:
     from tests.studio.running import RunningStudio
@@ -103,7 +104,7 @@ def test_a_call_that_waits_is_not_carried_out_when_control_has_gone(
     owner, free, done = Visitor(served, served.studio.access.operate_token), threading.Event(), list[bool]()
     monkeypatch.setattr(bus, "switch_torque", lambda on, ids=None: done.append(on))
     monkeypatch.setattr(bus.bench, "servo_ids", (1,))
-    workers = served.studio._workers[Right.OPERATE]
+    workers = served.studio._lanes[CallLane.WAITS, Right.OPERATE]
     key, session = owner.page(), owner.cookie.partition("=")[2]
     with owner.socket(f"/live?tab={key}") as line:
         _asker(line)("take")
