@@ -146,6 +146,7 @@ def test_a_recording_of_other_joints_shows_all_of_them_and_a_refused_motion_says
 ) -> None:
     record(folder, "one.mcap", joints=("K1",))
     record(folder, "two.mcap", joints=("J1", "K1"))
+    record(folder, "four.mcap", joints=("J4",))
     record(folder, "three.mcap")
     _open(page)
     page.get_by_role("button", name="open one.mcap").click()
@@ -153,6 +154,11 @@ def test_a_recording_of_other_joints_shows_all_of_them_and_a_refused_motion_says
     page.get_by_role("button", name="open two.mcap").click()
     page.get_by_role("checkbox", name="J1", exact=True).wait_for()
     assert page.get_by_role("checkbox", name="J1", exact=True).is_checked()
+    # Its colour is that of the joint of this name on every page, although it is the first one here.
+    page.get_by_role("button", name="open four.mcap").click()
+    chip = page.locator(".pl-chip", has=page.get_by_role("checkbox", name="J4", exact=True))
+    chip.wait_for()
+    assert chip.evaluate("(one) => one.style.getPropertyValue('--chip')") == "var(--joint-4)"
     page.get_by_role("button", name="open three.mcap").click()
     page.locator(".uplot").first.wait_for()
     page.evaluate("""() => {

@@ -138,7 +138,8 @@ class Page {
     const known = await hexwire.call("ports.known").catch(() => null);
     if (!known || !this.element.isConnected || this.told?.stage) return;
     const robots = (this.robots = choice(known.robots.map((name) => /** @type {const} */ ([name, name]))));
-    robots.value = known.robots.includes("so101") ? "so101" : known.default;
+    // What is open says itself which one it is.
+    robots.value = [hexwire.model.robot, "so101", known.default].find((name) => known.robots.includes(name)) ?? "";
     const ports = node("div", { class: "fr-ports" });
     this.more.replaceChildren(field("Which arm is it?", robots), ports, node("p", { class: "hw-dim" }, `A serial port: ${known.warning}.`));
     let seen = "";

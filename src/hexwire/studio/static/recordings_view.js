@@ -1,5 +1,6 @@
 // One recording, or two on one time axis. Owns what is shown of them; plot.js draws.
 
+import hexwire from "./live.js";
 import { Plot } from "./plot.js";
 import { fetchColumns } from "./columns.js";
 import { DEG, JOINT_SIGNALS, jointSeries, valuesOf } from "./signals.js";
@@ -17,6 +18,16 @@ import { makePlayer } from "./recordings_play.js";
  *   names: string | null, align: string, round: number, played: Map<string, Float32Array> | null
  * }} ViewState
  */
+
+/**
+ * Which colour a joint has: that of the open arm's joint of this name, as on every other page.
+ * @param {string} name
+ * @param {number} place in the recording
+ */
+function colourOf(name, place) {
+  const own = hexwire.model.joints.findIndex((joint) => joint.name === name);
+  return own < 0 ? place : own;
+}
 
 /**
  * @param {import("./recordings.js").RecordingsPage} page
@@ -144,7 +155,7 @@ export function makeView(page, place) {
 
   /** @param {Data} data */
   function choices({ head: { names }, columns }) {
-    const groups = [chips("Joints", names.map((name, i) => ({ key: name, text: name, colour: `--joint-${(i % 8) + 1}` })), state.joints,
+    const groups = [chips("Joints", names.map((name, i) => ({ key: name, text: name, colour: `--joint-${(colourOf(name, i) % 8) + 1}` })), state.joints,
       (values) => { state.joints = values; draw(); }, { all: true })];
     if (!state.other) {
       const known = JOINT_SIGNALS.filter((signal) => names.some((name) => valuesOf(signal, (key) => columns.get(`${name}.${key}`))));
@@ -161,8 +172,9 @@ export function makeView(page, place) {
     /** @type {[import("./plot.js").SeriesOptions, Float32Array][]} */
     const found = [];
     const scaled = (/** @type {Float32Array | undefined} */ column) => column?.map((value) => DEG * value) ?? new Float32Array(data.times.length).fill(NaN);
-    data.head.names.forEach((joint, i) => {
+    data.head.names.forEach((joint, place) => {
       if (!state.joints.includes(joint)) return;
+      const i = colourOf(joint, place);
       if (state.other) {
         const base = { colour: i, unit: "deg" };
         found.push([{ ...base, name: `${joint} of the first`, quantity: "position" }, scaled(data.columns.get(`${joint}.first`))]);

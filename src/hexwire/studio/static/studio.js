@@ -31,7 +31,9 @@ async function show() {
   const [title, file] = PAGES[path];
   document.title = `${title} – hexwire studio`;
   for (const link of /** @type {NodeListOf<HTMLAnchorElement>} */ (document.querySelectorAll(".hw-nav-link"))) {
+    // First run is a part of Arms.
     if (link.pathname === path) link.setAttribute("aria-current", "page");
+    else if (path === "/first" && link.pathname === "/") link.setAttribute("aria-current", "true");
     else link.removeAttribute("aria-current");
   }
   document.querySelectorAll("dialog").forEach((each) => each.close());
