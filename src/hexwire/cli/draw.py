@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, NamedTuple
 
+from rich.cells import cell_len
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.live import Live
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TimeElapsedColumn
@@ -23,6 +24,8 @@ from hexwire.units import plain
 from .output import format_table, line_width, shown, split_columns
 
 if TYPE_CHECKING:
+    from rich.style import Style
+
     from hexwire.model.state import JointState
 
 __all__ = ["CycleSample", "JointTable", "LiveView", "SafeConsole", "live", "live_table", "progress"]
@@ -95,36 +98,52 @@ class JointTable:
 
     def __init__(self, head: Sequence[str], rows: Sequence[Sequence[str | Text]], faulty: Sequence[bool]) -> None:
         self._head = head
-        self._rows = [
+        self._rows: list[list[tuple[str, str | Style]]] = [[(shown(title), "bold") for title in head]]
+        self._rows += [
             [_cell(cell, i, bad) for i, cell in enumerate(row)] for row, bad in zip(rows, faulty, strict=True)
         ]
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        titles = [Text(shown(title)) for title in self._head]
-        widths = [max(cell.cell_len for cell in column) for column in zip(titles, *self._rows, strict=True)]
+        widths = [max(cell_len(text) for text, _ in column) for column in zip(*self._rows, strict=True)]
         left = [i == 0 or self._head[i] == "condition" for i in range(len(widths))]
-        for title in titles:
-            title.stylize("bold")
-        # Lines of text, not one of rich's tables: drawing those takes four times as long.
         for part in split_columns(widths, 1, options.max_width - 1, _GAP):
-            line = "─" * (sum(widths[i] for i in part) + _GAP * (len(part) - 1))
-            yield Text("")
-            for number, row in enumerate([titles, *self._rows]):
-                cells = []
+            width = sum(widths[i] for i in part) + _GAP * (len(part) - 1)
+            yield Segment.line()
+            for number, row in enumerate(self._rows):
+                line: list[tuple[str, str | Style]] = []
+                plain_text = " "
                 for i in part:
-                    space = " " * (widths[i] - row[i].cell_len)
-                    cells += [" " * _GAP, row[i], space] if left[i] else [" " * _GAP, space, row[i]]
-                yield Text.assemble(" ", *cells[1:], overflow="fold")
+                    cell, style = row[i]
+                    space = " " * (widths[i] - cell_len(cell))
+                    plain_text += "" if left[i] else space
+                    if style:
+                        line += [(plain_text, ""), (cell, style)]
+                        plain_text = ""
+                    else:
+                        plain_text += cell
+                    plain_text += (space if left[i] else "") + " " * _GAP
+                line.append((plain_text.rstrip(), ""))
+                yield from _drawn(line, console, folded=width >= options.max_width)
                 if number == 0:
-                    yield Text(f" {line}", overflow="fold")
-            yield Text("")
+                    yield from _drawn([(f" {'─' * width}", "")], console, folded=width >= options.max_width)
+            yield Segment.line()
 
 
-def _cell(cell: str | Text, column: int, bad: bool) -> Text:
+def _drawn(line: Sequence[tuple[str, str | Style]], console: Console, *, folded: bool) -> RenderResult:
+    # Neither one of rich's tables nor its texts: those take many times as long, and a view is redrawn all the time.
+    if folded:
+        yield Text.assemble(*line, overflow="fold")
+        return
+    for text, style in line:
+        yield Segment(text, console.get_style(style) if style else None)
+    yield Segment.line()
+
+
+def _cell(cell: str | Text, column: int, bad: bool) -> tuple[str, str | Style]:
+    """The text of a cell, and its style."""
     if isinstance(cell, Text):
-        return cell
-    style = "bold red" if bad else "bold cyan" if column == 0 else "dim" if cell == "-" else ""
-    return Text(shown(cell), style=style)
+        return cell.plain, cell.style
+    return shown(cell), "bold red" if bad else "bold cyan" if column == 0 else "dim" if cell == "-" else ""
 
 
 class CycleSample(NamedTuple):
