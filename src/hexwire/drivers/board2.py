@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import math
-import secrets
+import os
 import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -124,7 +124,7 @@ class Board2:
         self._stalled: float | None = None
         self._time = BoardTime(session.now, getattr(session.ipc.link, "baud", 0))
         # Another program at this board begins paths too, and must not take one for its own.
-        self._paths = secrets.randbits(7)
+        self._paths = os.urandom(1)[0] & 0x7F
 
     # -- state --------------------------------------------------------------------------------------
 

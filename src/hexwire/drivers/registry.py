@@ -12,7 +12,6 @@ import re
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
-from importlib import resources
 from importlib.metadata import EntryPoint
 from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
@@ -75,6 +74,8 @@ def robot_names() -> tuple[str, ...]:
 @cache
 def _file_class(package: str, file: str) -> type[RobotDriver]:
     """The driver class of an arm on a servo bus, of the TOML file in a package."""
+    from importlib import resources
+
     from .bus_arm import arm_class
 
     with resources.as_file(resources.files(package) / file) as path:
