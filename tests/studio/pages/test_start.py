@@ -58,7 +58,7 @@ def test_a_watcher_opens_nothing(served: RunningStudio, blank: Page) -> None:
     page = blank
     try:
         page.goto(served.watch_url)
-        page.get_by_role("row", name="sim://so101 an").wait_for()
+        page.get_by_role("listitem").filter(has_text="an emulated SO-100").first.wait_for()
         assert page.get_by_role("button", name="Open").count() == 0
     finally:
         served.studio.fleet.rest()

@@ -49,7 +49,7 @@ export async function mount(element, { operates }) {
     seen = now;
     if (!found.plugged) fill(ports, html`<p class="hw-dim">Looking for ports …</p>`);
     else if (!found.plugged.length) fill(ports, html`<p>No serial port on this machine. Plug in the board or the adapter, or try another cable.</p>`);
-    else fill(ports, table("Plugged in", found.plugged, found, operates));
+    else fill(ports, table(found.plugged, found, operates));
   }
 
   async function look() {
@@ -78,7 +78,7 @@ export async function mount(element, { operates }) {
 
   // What was there a moment ago is shown at once: a table that comes later would push its neighbours away.
   const begin = () => hexwire.call("ports.known").then((known) => {
-    fill(required(element, "#hw-emulated"), table("Without hardware", known.emulated, known, operates, false));
+    fill(required(element, "#hw-emulated"), emulated(known.emulated, operates));
     robot.append(...known.robots.map((name) => new Option(name)));
     required(element, "#hw-warning").textContent = operates ? `A serial port, or a bridge to one: ${known.warning}.` : "";
     show(known);
@@ -98,25 +98,32 @@ function presentMarkup(facts, operates) {
     ${operates && html`<button class="hw-button" type="button" data-do="close" aria-label="Close what is open">Close</button>`}</div>`;
 }
 
+const opener = (/** @type {Port} */ { device }) => html`<button class="hw-button" type="button" data-do="open" data-url="${device}"
+  aria-label="Open ${device}">Open</button>`;
+
 /**
- * Ports; of an emulated one there is no more to say than what it is.
- * @param {string} caption
+ * What is plugged in.
  * @param {Port[]} rows
  * @param {Ports} known
  * @param {boolean} operates
  */
-function table(caption, rows, known, operates, real = true) {
-  const choice = (/** @type {Port} */ row) => {
-    const names = [...new Set([...row.robots, known.default, ...known.robots])];
-    return html`<select aria-label="Robot on ${row.device}">${names.map((name) => html`<option>${name}</option>`)}</select>`;
-  };
-  return html`<table class="hw-table hw-ports"><caption class="hw-caption">${caption}</caption>
-    <thead><tr><th scope="col">Port</th>${real
-      ? html`<th scope="col" class="hw-guess">Probably</th><th scope="col">State</th><th scope="col" class="hw-robot">Robot</th>`
-      : html`<th scope="col">What it is</th>`}<td class="hw-open"></td></tr></thead>
+function table(rows, { robots, default: usual }, operates) {
+  const choice = (/** @type {Port} */ row) => html`<select aria-label="Robot on ${row.device}">${
+    [...new Set([...row.robots, usual, ...robots])].map((name) => html`<option>${name}</option>`)}</select>`;
+  return html`<table class="hw-table hw-ports"><caption class="hw-caption">Plugged in</caption>
+    <thead><tr><th scope="col">Port</th><th scope="col">Probably</th><th scope="col">State</th><th scope="col">Robot</th>
+      <td></td></tr></thead>
     <tbody>${rows.map((row) => html`<tr><th scope="row" class="hw-code">${row.device}</th><td>${row.guess}</td>
-      ${real && html`<td><div class="${row.obstacle && "hw-bad"}">${row.obstacle || "can be opened"}</div><div class="hw-dim">${row.advice}</div></td>
-      <td>${choice(row)}</td>`}
-      <td class="hw-open">${operates && html`<button class="hw-button" type="button" data-do="open" data-url="${row.device}"
-        aria-label="Open ${row.device}">Open</button>`}</td></tr>`)}</tbody></table>`;
+      <td><div class="${row.obstacle && "hw-bad"}">${row.obstacle || "can be opened"}</div><div class="hw-dim">${row.advice}</div></td>
+      <td>${choice(row)}</td><td>${operates && opener(row)}</td></tr>`)}</tbody></table>`;
+}
+
+/**
+ * Emulated arms, of which there is no more to say than what they are.
+ * @param {Port[]} rows
+ * @param {boolean} operates
+ */
+function emulated(rows, operates) {
+  return html`<h2 class="hw-caption" id="hw-without">Without hardware</h2><ul class="hw-emulated" aria-labelledby="hw-without">${rows.map((row) =>
+    html`<li><span><span class="hw-code">${row.device}</span><span class="hw-dim">${row.guess}</span></span>${operates && opener(row)}</li>`)}</ul>`;
 }
