@@ -48,7 +48,7 @@ def test_the_theme_is_chosen_and_kept(page: Page) -> None:
 
 
 def test_stop_works_while_a_dialog_is_open(studio: RunningStudio, page: Page) -> None:
-    page.evaluate("() => void import('/static/widgets.js').then((m) => m.question('Sure?', 'A question.', 'Yes'))")
+    page.evaluate("() => void import('/static/forms.js').then((m) => m.question('Sure?', 'A question.', 'Yes'))")
     page.get_by_text("A question.").wait_for()
     page.get_by_role("button", name="STOP", exact=True).click()
     studio.stopped("the stop by the button")

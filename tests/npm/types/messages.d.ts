@@ -258,16 +258,6 @@ type Message =
     | { kind: "answer"; id: number; value: unknown }
     | { kind: "answer"; id: number; error: string };
 
-/** Ask for something by its name in studio/calls.py. */
-interface Ask {
-    <N extends keyof Calls>(name: N, args?: Calls[N]["args"], opened?: number | null): Promise<Calls[N]["answer"]>;
-}
-
-/** As `Ask`; undefined if it was refused, which a person was told then. */
-interface Act {
-    <N extends keyof Calls>(name: N, args?: Calls[N]["args"], opened?: number | null): Promise<Calls[N]["answer"] | undefined>;
-}
-
 // -- answers ---------------------------------------------------------------------------------------------------------
 
 /** In place of an answer, where it was refused. */

@@ -1,6 +1,6 @@
 // What the studio's page has in its window: its own socket, for tests and for a person at the console; and uPlot, a script.
 interface Window {
-    hexwire: typeof import("./live.js").default;
+    hexwire: Hexwire;
     uPlot: Untyped;
 }
 

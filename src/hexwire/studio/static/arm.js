@@ -18,7 +18,7 @@ const IDLE_KEYS = new Set(["Home", "End", "PageUp", "PageDown"]);
 const GIMBAL = 1e-9;
 const WAYS = { drive: "Jog and go", teach: "Teach and play", program: "Program", leader: "Leader arm" };
 // Not in the first picture.
-/** @type {Partial<Record<Way, () => Promise<(page: Page, root: HTMLElement) => void>>>} */
+/** @type {Partial<Record<Way, () => Promise<(page: ArmPage, root: HTMLElement) => void>>>} */
 const LATER = {
   teach: () => import("./arm_timeline.js").then(({ mountTeach }) => mountTeach),
   program: () => import("./arm_program.js").then(({ mountProgram }) => mountProgram),
@@ -27,14 +27,6 @@ const LATER = {
 
 /** @type {{ of: number, name: Way }} */
 let way = { of: -1, name: "drive" }; // what is shown beside the arm: it stays when the page is left
-
-/**
- * @typedef {{ joints: JointRange[] } & Partial<ArmValues>} Args
- * @typedef {{ [K in "position" | "goal" | "load" | "flags"]: ArrayLike<number> }} Drawn
- * @typedef {{ draw: Drawn, facts: Facts, speed: number, taught: Taught, need: null, way: Way, why: string, run: Run, elapsed: { run: Run, now: number } }} Events
- * @typedef {ReturnType<typeof makePage>} Page
- * @typedef {keyof typeof WAYS} Way
- */
 
 export const degrees = (/** @type {number} */ value) => (value * 180) / Math.PI;
 export const radians = (/** @type {number} */ value) => (value * Math.PI) / 180;
@@ -59,7 +51,7 @@ export function fixed(value, digits = 1) {
 export function mount(element) {
   let shown = "";
   let taught = "";
-  /** @type {Page | null} */
+  /** @type {ArmPage | null} */
   let page = null;
   const follow = async (/** @type {Facts} */ facts) => {
     const now = `${facts.mode} ${facts.opened} ${facts.mode === "arm" ? "" : facts.open_error}`;
@@ -167,14 +159,13 @@ function draw(element, args, opened) {
  * @param {number} opened `facts.opened` of what is shown
  */
 export function makePage(root, args, opened) {
-  /** @type {{ [K in keyof Events]: ((value: Events[K]) => unknown)[] }} */
+  /** @type {PageListeners} */
   const listeners = { draw: [], facts: [], speed: [], taught: [], need: [], way: [], why: [], run: [], elapsed: [] };
+  /** @type {ArmPage} */
   const page = {
     root,
     args,
-    /** @type {import("./arm3d.js").Arm3D | null} */
     view: null,
-    /** @type {Plan | Refused | null} */
     plan: null, // the previewed motion
     mine: false, // has control, and knows what the arm does
     unready: "", // why the arm as a whole cannot be moved now
@@ -182,51 +173,28 @@ export function makePage(root, args, opened) {
     hidden: 0, // how often the page was hidden
     lost: 0, // and how often it had no control
     step: 0, // degrees or millimetres of a click; 0: the arm moves while a button is held
-    /** @type {(selector: string) => HTMLElement | null} */
     find: (selector) => root.querySelector(selector),
-    /** @type {<E extends Element = HTMLElement>(selector: string, kind?: new () => E) => E} */
     get: (selector, kind) => required(root, selector, kind),
-    /** @type {<E extends Element = HTMLElement>(selector: string, kind?: new () => E) => E[]} */
     all: (selector, kind) => all(root, selector, kind),
-    /**
-     * @template {keyof Events} K
-     * @param {K} name
-     * @param {(value: Events[K]) => unknown} act
-     */
     on(name, act) {
       listeners[name].push(act);
     },
-    /**
-     * @template {keyof Events} K
-     * @param {K} name
-     * @param {Events[K]} value
-     */
     tell(name, value) {
       for (const act of listeners[name]) act(value);
     },
-    /**
-     * Ask the server; the answer has `error` if it refused.
-     * @type {<N extends keyof Calls>(name: N, args?: Calls[N]["args"]) => Promise<Calls[N]["answer"] | Refused>}
-     */
+    /** Ask the server; the answer has `error` if it refused. */
     call: (name, values = {}) => hexwire.call(name, values, opened).catch((error) => ({ error: whyOf(error) })),
     /** Show what was taught, or that it is being taught. */
     async tellTaught() {
       const told = await page.call("arm.taught");
       if (!isRefused(told)) page.tell("taught", told);
     },
-    /**
-     * Begin a motion that lasts while this page is in sight; resolves with why it ended.
-     * @param {Record<string, unknown>} values
-     */
+    /** Begin a motion that lasts while this page is in sight; resolves with why it ended. */
     run(values) {
       return hexwire.hold("run", { speed: page.speed, ...values }, { attended: true });
     },
-    /**
-     * What to hold for a joint: while it turns in a direction, or goes to an angle.
-     * @type {(joint: string, turn: number) => [string, object]}
-     */
+    /** What to hold for a joint: while it turns in a direction, or goes to an angle. */
     jog: (joint, turn) => ["joint", { directions: { [joint]: turn }, speed: page.speed }],
-    /** @type {(joint: string, goal: number) => [string, object]} */
     drag: (joint, goal) => ["drag", { goals: { [joint]: goal }, speed: page.speed }],
     /** From now on, why what this page does in several motions is to end, as one that it holds would; empty if it may go on. */
     attend() {
@@ -239,25 +207,17 @@ export function makePage(root, args, opened) {
         return stops() === before.stops ? "" : "stopped";
       };
     },
-    /**
-     * Show where a motion would end; null hides it.
-     * @param {Record<string, number> | null} goal
-     * @param {number[][] | null} trace
-     */
+    /** Show where a motion would end; null hides it. */
     ghost(goal, trace = null) {
       if (!page.view) return;
       page.view.setGhost(goal);
       page.view.trace(trace && trace.length > 1 ? trace : null);
     },
-    /**
-     * Where the joints are; NaN for one of which nobody knows it.
-     * @returns {number[] | Float32Array | null}
-     */
+    /** Where the joints are; NaN for one of which nobody knows it. */
     positions() {
       const { frame, known } = hexwire;
       return frame && frame.position.map((angle, i) => (known && frame.known[i] ? angle : NaN));
     },
-    /** @type {(i: number) => boolean} */
     knows: (i) => Boolean(hexwire.known && hexwire.frame && hexwire.frame.known[i]),
   };
   document.addEventListener("visibilitychange", function hides() {
@@ -267,7 +227,7 @@ export function makePage(root, args, opened) {
   return page;
 }
 
-/** @param {Page} page */
+/** @param {ArmPage} page */
 async function mountView(page) {
   const element = page.find("#arm-view"), geometry = page.args.look ?? page.args.geometry;
   if (!element || !geometry) return;
@@ -296,7 +256,7 @@ async function mountView(page) {
 
 // -- speed, and what keeps the arm from moving -----------------------------------------------------------
 
-/** @param {Page} page */
+/** @param {ArmPage} page */
 function mountBar(page) {
   const speed = page.get("#arm-speed", HTMLInputElement);
   const value = page.get("#arm-speed-value");
@@ -340,7 +300,7 @@ function mountBar(page) {
 
 // -- the motion that runs ----------------------------------------------------------------------------------
 
-/** @param {Page} page */
+/** @param {ArmPage} page */
 function mountRun(page) {
   const bar = page.get("#arm-run-bar", HTMLProgressElement);
   const text = page.get("#arm-run-text");
@@ -409,7 +369,7 @@ export function showPlan(element, plan) {
 
 // -- joints and jog ------------------------------------------------------------------------------------------------
 
-/** @param {Page} page */
+/** @param {ArmPage} page */
 function mountJoints(page) {
   page.args.joints.forEach((joint, i) => {
     const row = page.find(`tr[data-joint="${CSS.escape(joint.name)}"]`);
@@ -424,7 +384,7 @@ function mountJoints(page) {
 
 /**
  * A joint's row: buttons, slider, values.
- * @param {Page} page
+ * @param {ArmPage} page
  * @param {HTMLElement} row
  * @param {JointRange} joint
  * @param {number} i
@@ -447,7 +407,7 @@ export function mountRow(page, row, joint, i) {
 }
 
 /**
- * @param {Page} page
+ * @param {ArmPage} page
  * @param {{ slider: HTMLElement, share: (angle: number) => number, joint: JointRange, i: number, row: HTMLElement }} parts
  */
 function drawRow(page, { slider, share, joint, i, row }) {
@@ -499,7 +459,7 @@ function drawRow(page, { slider, share, joint, i, row }) {
 }
 
 /**
- * @param {Page} page
+ * @param {ArmPage} page
  * @param {HTMLElement} slider
  * @param {JointRange} joint
  * @param {number} i
@@ -645,7 +605,7 @@ export function tipValues(args, positions) {
   return values;
 }
 
-/** @param {Page} page */
+/** @param {ArmPage} page */
 function mountTip(page) {
   const cells = page.all("[data-tip]"), { geometry, turns } = page.args;
   if (!geometry || !cells.length) return;

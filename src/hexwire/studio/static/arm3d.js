@@ -28,26 +28,17 @@ Mouse: drag turns, wheel zooms once the view has the focus, right drag moves, a 
 move; a finger that starts up or down scrolls the page. Keys: arrows turn, Shift and arrows move, + and - zoom, 0 or
 Home resets. Escape is not taken. */
 
-/**
- * Radians in the order of the arm's joints, or by name.
- * @typedef {number[] | Float32Array | Float64Array | Record<string, number>} Joints
- * @typedef {{ position: number[], quaternion?: number[] }} TipPose
- * @typedef {{ root: Three, frames: Three[], shades: [Three, Three, number][], bodies: Three[], joints: number[] | null, lost?: string }} Figure
- * @typedef {(typeof LOOKS)["light"]} Look
- * @typedef {{ theme?: Theme | "auto", label?: string, traceColour?: string, palette?: Record<Theme, string[]> }} Options
- * @typedef {import("./arm_meshes.js").Surface} Surface
- */
-
 /** @type {Three} */
-let three = null;
+let THREE;
+/** @type {Three} */
+let OrbitControls;
 try {
-  const [THREE, { OrbitControls }] = await Promise.all([import("./vendor/three.module.min.js"), import("./vendor/OrbitControls.js")]);
-  three = { THREE, OrbitControls };
+  [THREE, { OrbitControls }] = await Promise.all([import("./vendor/three.module.min.js"), import("./vendor/OrbitControls.js")]);
 } catch (error) {
   console.warn("arm3d: three.js is missing", error);
 }
 
-/** @type {Record<Theme, Record<"sky" | "ground" | "floor" | "minor" | "major" | "text" | "shadow" | "lost" | "trace" | "ghost", string> & Record<"key" | "fill", number>>} */
+/** @type {Record<Theme, Look>} */
 const LOOKS = {
   light: { sky: "#fbfcfd", ground: "#e3e8ee", floor: "#d9dfe6", minor: "#cfd6de", major: "#a9b4c0", text: "#4a5563",
            shadow: "#c3cad3", lost: "#8a929c", key: 1.9, fill: 1.2, trace: "#b02800", ghost: "#0a58b0" },
@@ -93,7 +84,7 @@ export class Arm3D {
   /**
    * @param {HTMLElement} element
    * @param {Geometry} geometry
-   * @param {Options} options
+   * @param {ViewOptions} options
    */
   constructor(element, geometry, options = {}) {
     this.element = element;
@@ -104,11 +95,10 @@ export class Arm3D {
     this._next = this._frame = this._later = this._still = 0;
     this._names = geometry.joints.map((joint) => joint.name);
     if (getComputedStyle(element).position === "static") element.style.position = "relative";
-    if (!three?.THREE || !three.OrbitControls) {
+    if (!THREE || !OrbitControls) {
       this._say("The 3D view is missing here: its library was not found. Everything else on this page works.");
       return;
     }
-    const THREE = three.THREE;
     let context = contextOf(true);
     if (!context) {
       this._say("This browser shows no 3D here: WebGL is off. Everything else on this page works.");
@@ -119,7 +109,7 @@ export class Arm3D {
     if (this._pause) context = contextOf(false) ?? context;
     this._renderer = new THREE.WebGLRenderer({ canvas: context.canvas, context });
     this.available = true;
-    this._prepare(THREE);
+    this._prepare();
     this.setTheme(options.theme ?? "auto");
     this.setJoints(new Float32Array(this._names.length));
     this.resetView();
@@ -226,7 +216,7 @@ export class Arm3D {
     if (!this.available) return;
     const flat = points instanceof Float32Array ? points : (points ?? []).flat();
     this._trace.geometry.dispose();
-    this._trace.geometry = thread(three.THREE, flat, 0.0022 * this.geometry.reach);
+    this._trace.geometry = thread(flat, 0.0022 * this.geometry.reach);
     this._trace.visible = flat.length > 3;
     this._change();
   }
@@ -238,7 +228,6 @@ export class Arm3D {
   /** @returns {{ position: number[], quaternion: number[] } | null} */
   tip() {
     if (!this._arm) return null;
-    const THREE = three.THREE;
     const position = new THREE.Vector3(), quaternion = new THREE.Quaternion(), scale = new THREE.Vector3();
     this._arm.root.updateMatrixWorld();
     this._arm.frames[this.geometry.tip].matrixWorld.decompose(position, quaternion, scale);
@@ -266,14 +255,14 @@ export class Arm3D {
       this.lookAt(tip.position, 0.55 * this.geometry.reach);
       return;
     }
-    const { reach, heading } = this.geometry, up = new three.THREE.Vector3(0, 0, 1);
+    const { reach, heading } = this.geometry, up = new THREE.Vector3(0, 0, 1);
     // What is there now fills the picture, with some room to move.
-    const box = new three.THREE.Box3();
+    const box = new THREE.Box3();
     this._arm.root.updateMatrixWorld();
     for (const body of this._arm.bodies) if (body) box.expandByObject(body);
-    const aim = box.getCenter(new three.THREE.Vector3()).toArray();
-    const size = Math.max(0.5 * box.getSize(new three.THREE.Vector3()).length(), 0.35 * reach);
-    const way = new three.THREE.Vector3(...(VIEWS[name] ?? VIEWS.home)).normalize().applyAxisAngle(up, heading);
+    const aim = box.getCenter(new THREE.Vector3()).toArray();
+    const size = Math.max(0.5 * box.getSize(new THREE.Vector3()).length(), 0.35 * reach);
+    const way = new THREE.Vector3(...(VIEWS[name] ?? VIEWS.home)).normalize().applyAxisAngle(up, heading);
     // A narrow picture is filled by the arm's width, so the camera steps back.
     const far = 3.5 * size * Math.max(1, 1.05 / this._camera.aspect);
     this._controls.target.set(...aim);
@@ -302,7 +291,7 @@ export class Arm3D {
    */
   _choose(event) {
     if (!this._arm) return;
-    const THREE = three.THREE, box = this._renderer.domElement.getBoundingClientRect(), ray = new THREE.Raycaster();
+    const box = this._renderer.domElement.getBoundingClientRect(), ray = new THREE.Raycaster();
     const x = ((event.clientX - box.left) / box.width) * 2 - 1, y = 1 - ((event.clientY - box.top) / box.height) * 2;
     ray.setFromCamera(new THREE.Vector2(x, y), this._camera);
     const [hit] = ray.intersectObjects(this._arm.bodies.filter(Boolean), false);
@@ -348,7 +337,7 @@ export class Arm3D {
     if (faults.length) this._sayPlain(faults);
     if (!links.some((link) => link.meshes?.length)) return;
     const said = await import("./arm_meshes.js").then(
-      ({ loadMeshes }) => loadMeshes(three.THREE, links, (link, surfaces) => this._meshes.set(link, surfaces)),
+      ({ loadMeshes }) => loadMeshes(THREE, links, (link, surfaces) => this._meshes.set(link, surfaces)),
       () => ["the studio is gone, which has the meshes"],
     );
     if (!this.available) return;
@@ -369,8 +358,7 @@ export class Arm3D {
 
   // -- scene -----------------------------------------------------------------------------------------------------
 
-  /** @param {Three} THREE */
-  _prepare(THREE) {
+  _prepare() {
     /** @type {HTMLCanvasElement} */
     const canvas = this._renderer.domElement;
     Object.assign(canvas.style, { width: "100%", height: "100%", display: "block" });
@@ -387,7 +375,7 @@ export class Arm3D {
     this._scene = new THREE.Scene();
     this._camera = new THREE.PerspectiveCamera(32, 1, 0.02, 20);
     this._camera.up.set(0, 0, 1);
-    const controls = (this._controls = new three.OrbitControls(this._camera, canvas));
+    const controls = (this._controls = new OrbitControls(this._camera, canvas));
     Object.assign(controls, { enableZoom: false, minDistance: 0.08, maxDistance: 6, maxPolarAngle: 0.62 * Math.PI });
     // On a phone the view is as wide as the page, which must still scroll.
     canvas.style.touchAction = "pan-y";
@@ -400,7 +388,7 @@ export class Arm3D {
     this._floor = new THREE.Group();
     this._trace = new THREE.Mesh(new THREE.BufferGeometry(), new THREE.MeshBasicMaterial({ side: THREE.DoubleSide }));
     this._trace.frustumCulled = this._trace.visible = false;
-    this._tipAxes = axesOf(THREE, 0.09 * this.geometry.reach, 0.0035 * this.geometry.reach);
+    this._tipAxes = axesOf(0.09 * this.geometry.reach, 0.0035 * this.geometry.reach);
     this._tipAxes.visible = false;
     // A lamp at the camera, so that no side that is looked at is in the dark.
     this._lamp = new THREE.DirectionalLight();
@@ -441,7 +429,7 @@ export class Arm3D {
   }
 
   _dress() {
-    const THREE = three.THREE, dark = this.theme === "dark", theme = dark ? "dark" : "light", look = LOOKS[theme], before = [this._arm, this._ghost];
+    const dark = this.theme === "dark", theme = dark ? "dark" : "light", look = LOOKS[theme], before = [this._arm, this._ghost];
     this.element.style.background = `linear-gradient(${look.sky}, ${look.ground})`;
     this._sky.color.set("#ffffff");
     this._sky.groundColor.set(dark ? "#5c6672" : "#aeb6c0");
@@ -479,7 +467,7 @@ export class Arm3D {
    * @returns {Figure}
    */
   _assemble(material, theme, solid) {
-    const THREE = three.THREE, root = new THREE.Group();
+    const root = new THREE.Group();
     /** @type {Pick<Figure, "frames" | "shades" | "bodies">} */
     const { frames, shades, bodies } = { frames: [], shades: [], bodies: [] };
     /** @type {boolean[]} */
@@ -498,7 +486,7 @@ export class Arm3D {
       const loaded = this._meshes.get(link) ?? [];
       const shapes = [...link.shapes, ...(loaded.length ? [] : (link.plain ?? []))];
       if (!(shapes.length || loaded.length) || (!solid && !moves.at(-1))) continue;
-      const form = mesh(THREE, shapes, (shape) =>
+      const form = mesh(shapes, (shape) =>
         shape.rgb ?? (shape.joint === undefined ? colours[shape.colour ?? ""] : palette[shape.joint % palette.length]), loaded);
       if (!solid) {
         // Depth first, so that the inner faces of a translucent arm do not shine through.
@@ -536,7 +524,7 @@ export class Arm3D {
     });
     if (arm.joints?.every((value, i) => Math.abs(value - values[i]) < 2e-5)) return false;
     arm.joints = values;
-    const THREE = three.THREE, turn = new THREE.Quaternion(), axis = new THREE.Vector3();
+    const turn = new THREE.Quaternion(), axis = new THREE.Vector3();
     this.geometry.links.forEach((link, i) => {
       if (!link.axis) return;
       const value = link.multiplier * values[link.joint] + link.offset;
@@ -559,7 +547,7 @@ export class Arm3D {
   /** Flatten every link along the light onto the table. */
   _shade() {
     if (!this._arm) return;
-    const THREE = three.THREE, z = (this._table ?? 0) + 0.0004, light = this._key.position;
+    const z = (this._table ?? 0) + 0.0004, light = this._key.position;
     const x = light.x / light.z, y = light.y / light.z;
     const flat = new THREE.Matrix4().set(1, 0, -x, x * z, 0, 1, -y, y * z, 0, 0, 0.0005, z, 0, 0, 0, 1);
     this._arm.root.updateMatrixWorld();
@@ -568,10 +556,9 @@ export class Arm3D {
 
   /** @param {Look} look */
   _lay(look) {
-    const { THREE } = three;
     this._clear(this._floor);
     this._floor.clear();
-    this._floor.add(...floorParts(THREE, this.geometry, look));
+    this._floor.add(...floorParts(this.geometry, look));
     this._floor.position.z = this._table ?? 0;
   }
 
@@ -654,7 +641,7 @@ export class Arm3D {
    * @param {boolean} moves
    */
   _step(x, y, moves) {
-    const THREE = three.THREE, target = this._controls.target;
+    const target = this._controls.target;
     const arm = this._camera.position.clone().sub(target);
     if (moves) {
       const by = new THREE.Vector3(x, y, 0).multiplyScalar(0.05 * arm.length());
@@ -720,12 +707,11 @@ const AXES = ["#d64545", "#3f9e4d", "#3f76d6"];
 
 /**
  * Plate, lines, numbers and axes: a line each 50 mm, a darker one each 100 mm. `look` has their colours.
- * @param {Three} THREE
  * @param {Geometry} geometry
  * @param {Look} look
  * @returns {Three[]}
  */
-function floorParts(THREE, geometry, look) {
+function floorParts(geometry, look) {
   const half = Math.max(2, Math.ceil((geometry.reach * 1.05) / 0.1)) * 0.1;
   /** @type {Record<"minor" | "major", number[]>} */
   const lines = { minor: [], major: [] };
@@ -739,24 +725,23 @@ function floorParts(THREE, geometry, look) {
   plate.renderOrder = -3;
   const parts = [plate];
   for (const name of /** @type {const} */ (["minor", "major"])) {
-    const form = buffered(THREE, { position: lines[name] });
+    const form = buffered({ position: lines[name] });
     const ink = new THREE.LineBasicMaterial({ color: look[name], depthWrite: false });
     const line = new THREE.LineSegments(form, ink);
     line.renderOrder = -2;
     parts.push(line);
   }
-  const axes = axesOf(THREE, 0.07, 0.0018);
+  const axes = axesOf(0.07, 0.0018);
   axes.position.set(-half, -half, 0.001);
-  return [...parts, ...numbers(THREE, geometry, look.text), axes];
+  return [...parts, ...numbers(geometry, look.text), axes];
 }
 
 /**
  * x, y and z in red, green and blue.
- * @param {Three} THREE
  * @param {number} length
  * @param {number} radius
  */
-function axesOf(THREE, length, radius) {
+function axesOf(length, radius) {
   const axes = new THREE.Group();
   AXES.forEach((colour, i) => {
     const form = new THREE.CylinderGeometry(radius, radius, length, 10);
@@ -771,12 +756,11 @@ function axesOf(THREE, length, radius) {
 
 /**
  * Millimetres along the arm's right side, and across in front of it, near enough to be seen with the arm.
- * @param {Three} THREE
  * @param {Geometry} geometry
  * @param {string} colour
  * @returns {Three[]}
  */
-function numbers(THREE, { reach, heading }, colour) {
+function numbers({ reach, heading }, colour) {
   /** @type {Three[]} */
   const found = [];
   const ahead = Math.max(0.2, Math.floor(6 * reach) / 10), right = -0.13;
@@ -787,7 +771,7 @@ function numbers(THREE, { reach, heading }, colour) {
     const at = [c * x - s * y, s * x + c * y];
     const axis = along === "ahead" ? (c ? 0 : 1) : c ? 1 : 0;
     const words = `${Math.round(1000 * at[axis])}`;
-    found.push(text(THREE, words === "0" ? `${"xy"[axis]} 0 mm` : words, [...at, 0.004], colour, reach));
+    found.push(text(words === "0" ? `${"xy"[axis]} 0 mm` : words, [...at, 0.004], colour, reach));
   };
   for (let x = 0; x < ahead + 0.05; x += 0.1) put(x, right, "ahead");
   for (let y = 0; y < 0.15; y += 0.1) put(ahead + 0.03, y, "across");
@@ -795,13 +779,12 @@ function numbers(THREE, { reach, heading }, colour) {
 }
 
 /**
- * @param {Three} THREE
  * @param {string} words
  * @param {number[]} place
  * @param {string} colour
  * @param {number} reach
  */
-function text(THREE, words, place, colour, reach) {
+function text(words, place, colour, reach) {
   const canvas = document.createElement("canvas");
   canvas.width = 160;
   canvas.height = 48;
@@ -824,17 +807,16 @@ const CHAMFER = 0.0012;
 
 /**
  * One geometry of all shapes of a link and of its loaded surfaces, with a colour for each corner.
- * @param {Three} THREE
  * @param {Shape[]} shapes
  * @param {(shape: Shape) => string | number[]} colourOf
  * @param {Surface[]} loaded
  */
-function mesh(THREE, shapes, colourOf, loaded = []) {
+function mesh(shapes, colourOf, loaded = []) {
   /** @type {Record<keyof Surface, number[]>} */
   const { position: places, normal: normals, color: colours } = { position: [], normal: [], color: [] };
   const tint = new THREE.Color();
   for (const shape of shapes) {
-    const [points, sides] = shape.kind === "box" ? bevelled(THREE, shape.size) : turned(shape);
+    const [points, sides] = shape.kind === "box" ? bevelled(shape.size) : turned(shape);
     const turn = new THREE.Quaternion().fromArray(shape.turn), at = new THREE.Vector3().fromArray(shape.place);
     const v = new THREE.Vector3();
     tint.set(colourOf(shape));
@@ -844,7 +826,7 @@ function mesh(THREE, shapes, colourOf, loaded = []) {
       tint.toArray(colours, colours.length);
     }
   }
-  if (!loaded.length) return buffered(THREE, { position: places, normal: normals, color: colours });
+  if (!loaded.length) return buffered({ position: places, normal: normals, color: colours });
   const form = new THREE.BufferGeometry();
   const lists = { position: places, normal: normals, color: colours };
   for (const name of /** @type {const} */ (["position", "normal", "color"])) {
@@ -862,10 +844,9 @@ function mesh(THREE, shapes, colourOf, loaded = []) {
 
 /**
  * A geometry of flat lists with three numbers for each corner.
- * @param {Three} THREE
  * @param {Record<string, number[]>} lists
  */
-function buffered(THREE, lists) {
+function buffered(lists) {
   const form = new THREE.BufferGeometry();
   for (const [name, list] of Object.entries(lists)) {
     form.setAttribute(name, new THREE.Float32BufferAttribute(list, 3));
@@ -875,11 +856,10 @@ function buffered(THREE, lists) {
 
 /**
  * A thin square rod along a line through points, in a flat list, metres: a line of one pixel is hard to see.
- * @param {Three} THREE
  * @param {ArrayLike<number>} points
  * @param {number} radius
  */
-function thread(THREE, points, radius) {
+function thread(points, radius) {
   /** @type {number[]} */
   const places = [];
   const from = new THREE.Vector3(), to = new THREE.Vector3(), way = new THREE.Vector3();
@@ -905,16 +885,15 @@ function thread(THREE, points, radius) {
       }
     }
   }
-  return buffered(THREE, { position: places });
+  return buffered({ position: places });
 }
 
 /**
  * A box whose edges are cut off a little, so that they catch the light.
- * @param {Three} THREE
  * @param {number[]} size
  * @returns {[number[], number[]]}
  */
-function bevelled(THREE, size) {
+function bevelled(size) {
   const cut = Math.min(CHAMFER, 0.2 * Math.min(...size)), half = size.map((length) => length / 2);
   /** @type {[number[], number[]]} */
   const [points, sides] = [[], []];

@@ -25,14 +25,13 @@ const STUDIO = "studio:"; // before the name of a camera of the studio's compute
 /**
  * What a tile shows, of the browser or of the studio; only the first can be shared.
  * @typedef {{ element: HTMLElement, device: string, close: () => void, share?: (is: boolean, refused: (why: string) => void) => void }} Camera
- * @typedef {import("./arm.js").Page} Page
  */
 
 /** @param {unknown} error */
 const wordsOf = (error) => (error instanceof Error && WHY[error.name]) || `no camera: ${whyOf(error)}`;
 
 /**
- * @param {Page} page
+ * @param {ArmPage} page
  * @param {HTMLButtonElement} button
  */
 export function mountCameras(page, button) {
@@ -53,7 +52,7 @@ export function mountCameras(page, button) {
 }
 
 /**
- * @param {Page} page
+ * @param {ArmPage} page
  * @param {HTMLElement} tiles
  * @param {string[]} there cameras of the studio
  */

@@ -18,10 +18,9 @@ const FINE = ["arrived", "released", "ended"];
 /**
  * A joint or an axis of space, and the direction.
  * @typedef {{ joint?: string, axis?: number, turn: number }} Way
- * @typedef {import("./arm.js").Page} Page
  */
 
-/** @param {Page} page */
+/** @param {ArmPage} page */
 export function mountJog(page) {
   const steps = mountSteps(page);
   mountKeys(page, steps);
@@ -38,7 +37,7 @@ function wayOf(button) {
 
 /**
  * Clicks of the page's buttons as steps.
- * @param {Page} page
+ * @param {ArmPage} page
  */
 export function mountSteps(page) {
   /** @type {Map<string | number, number>} */
@@ -104,7 +103,7 @@ export function mountSteps(page) {
 }
 
 /**
- * @param {Page} page
+ * @param {ArmPage} page
  * @param {(way: Way) => void} press
  */
 function mountKeys(page, press) {

@@ -12,7 +12,7 @@ const NEAR = 1.5; // degrees at which a joint has met the leader's
 const OTHER = "other";
 
 /**
- * @param {import("./arm.js").Page} page
+ * @param {ArmPage} page
  * @param {HTMLElement} root
  */
 export function mountLeader(page, root) {

@@ -8,11 +8,6 @@ const MOST = 500_000; // triangles of a robot
 const FAR = 100; // metres
 
 /**
- * Flat lists, three numbers for each corner.
- * @typedef {{ position: Float32Array, normal: Float32Array, color: Float32Array }} Surface
- */
-
-/**
  * Load the meshes of links. A link whose meshes are not all there gets none.
  * @param {Three} THREE
  * @param {Link[]} links

@@ -6,8 +6,7 @@ import { all, required } from "./live.js";
 import { html, make, whyOf } from "./widgets.js";
 
 /**
- * @typedef {import("./arm.js").Page} Page
- * @typedef {ReturnType<Page["positions"]>} Positions
+ * @typedef {ReturnType<ArmPage["positions"]>} Positions
  */
 
 const PAUSE = 150; // ms after the last change before a preview is asked for
@@ -16,7 +15,7 @@ const STILL = 0.002; // radians, more than one step of a servo: an arm that move
 const SURE = 4000; // ms in which a second press confirms
 const WHOLE = "arm-need arm-whole"; // needs all joints
 
-/** @param {Page} page */
+/** @param {ArmPage} page */
 export function mountGoto(page) {
   const form = page.get("#arm-goto", HTMLFormElement);
   const told = page.get("#arm-plan");
@@ -274,7 +273,7 @@ export function mountGoto(page) {
 
 // -- poses and gripper ---------------------------------------------------------------------------------------------
 
-/** @param {Page} page */
+/** @param {ArmPage} page */
 export function mountPoses(page) {
   const list = page.get("#arm-poses");
   const form = page.get("#arm-pose-form");
@@ -385,7 +384,7 @@ export function mountPoses(page) {
   refresh();
 }
 
-/** @param {Page} page */
+/** @param {ArmPage} page */
 export function mountGripper(page) {
   const form = page.find("#arm-grip");
   const jaws = page.args.jaws;

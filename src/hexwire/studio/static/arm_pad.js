@@ -19,7 +19,6 @@ const FINE = ["released", "ended"];
  * An input of the pad and its sign, for each axis or joint.
  * @typedef {[string, number][]} Ways
  * @typedef {{ deadman: number, mode: "space" | "joint", space: Ways, joint: Ways }} Mapping
- * @typedef {import("./arm.js").Page} Page
  */
 
 /** Two buttons against each other, as an axis: the one that counts as positive first. */
@@ -34,7 +33,7 @@ const USUAL = {
   joint: [["axis 0", 1], ["axis 1", -1], ["axis 3", -1], ["axis 2", 1], ["pair 12 13", 1], ["pair 15 14", 1], ["pair 7 6", 1]],
 };
 
-/** @param {Page} page */
+/** @param {ArmPage} page */
 export function mountPad(page) {
   const on = page.get("#arm-pad", HTMLInputElement);
   const joints = page.args.joints.map(({ name }) => name);
@@ -150,7 +149,7 @@ function kept(joints) {
 }
 
 /**
- * @param {Page} page
+ * @param {ArmPage} page
  * @param {Mapping} map
  * @param {string[]} joints
  */

@@ -5,8 +5,9 @@ page holds, planned and checked by the server like every other; so it ends when 
 Loaded when the part is first chosen. */
 
 import { capital, degrees, isRefused, radians } from "./arm.js";
+import { question } from "./forms.js";
 import hexwire, { all } from "./live.js";
-import { node, question, within } from "./widgets.js";
+import { node, within } from "./widgets.js";
 
 const KINDS = {
   pose: "go to a pose", joints: "go to these joint angles", place: "go to this place", line: "straight to this place",
@@ -28,11 +29,10 @@ const draft = { steps: [], name: "", saved: "", past: [] };
 /**
  * A run: why it is to end, why it did, and what goes on from a pause.
  * @typedef {{ ends: () => string, over: string, goOn: (() => unknown) | null }} ProgramRun
- * @typedef {import("./arm.js").Page} Page
  */
 
 /**
- * @param {Page} page
+ * @param {ArmPage} page
  * @param {HTMLElement} root
  */
 export function mountProgram(page, root) {
@@ -433,7 +433,7 @@ function motionOf(step) {
 
 /**
  * A step of a kind, from where the arm is now.
- * @param {Page} page
+ * @param {ArmPage} page
  * @param {string} kind
  * @param {string[]} recordings
  * @returns {Step | Refused}

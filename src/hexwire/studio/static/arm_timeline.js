@@ -6,8 +6,9 @@ page holds, planned and checked by the server like every other; so it ends when 
 are left. A recording is changed by nothing but saving, as a new one unless somebody agrees to replace it. */
 
 import { capital, isRefused, showPlan } from "./arm.js";
+import { question } from "./forms.js";
 import hexwire from "./live.js";
-import { fill, html, node, question } from "./widgets.js";
+import { fill, html, node } from "./widgets.js";
 
 const PAUSE = 150; // ms after the last change before a preview is asked for
 const AGAIN = 2000; // ms until another look, when there was an error instead of a plan
@@ -23,11 +24,9 @@ const FINE = ["arrived", "released", "ended"];
 const SMOOTH = [["0", "as it is"], ["0.1", "0.1 s"], ["0.2", "0.2 s"], ["0.5", "0.5 s"], ["1", "1 s"]];
 const TAUGHT = ""; // of the source: what was taught since this arm was opened
 
-/** @typedef {import("./arm.js").Page} Page */
-
 /**
  * Teach mode, and the timeline.
- * @param {Page} page
+ * @param {ArmPage} page
  * @param {HTMLElement} root
  */
 export function mountTeach(page, root) {
@@ -87,7 +86,7 @@ export function teachMarkup() {
 }
 
 /**
- * @param {Page} page
+ * @param {ArmPage} page
  * @param {HTMLElement} root
  */
 function mountTimeline(page, root) {

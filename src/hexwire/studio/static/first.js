@@ -2,10 +2,11 @@
 // Owns the buttons, and what the picture shows at each step; the server has the steps, and says what each is about and what is missing.
 
 import { Picture } from "./arm_picture.js";
+import { download, question } from "./forms.js";
 import hexwire, { all, required } from "./live.js";
 import { showRanges } from "./servos_calibration.js";
 import { button, choice, field, row } from "./servos_kit.js";
-import { download, fill, html, loadSheet, node, put, question } from "./widgets.js";
+import { fill, html, loadSheet, node, put } from "./widgets.js";
 import { go } from "./studio.js";
 
 const STEPS = ["Connect", "What it is", "Calibrated?", "Range of each joint", "First jog"];

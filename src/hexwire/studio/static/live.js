@@ -14,7 +14,7 @@ const FAULTS = /** @type {const} */ (["voltage", "encoder", "temperature", "curr
 
 const meta = (/** @type {string} */ name) => required(document, `meta[name="hexwire-${name}"]`, HTMLMetaElement).content;
 const key = meta("tab");
-/** @type {{ [K in keyof Told]: Set<{ call: (value: Told[K]) => unknown, element?: Element }> }} */
+/** @type {Listeners} */
 const listeners = { frame: new Set(), facts: new Set(), hello: new Set(), news: new Set(), run: new Set(), link: new Set(), servos: new Set(), wave: new Set(), range: new Set(), steps: new Set(), leader: new Set(), first: new Set() };
 /**
  * What was asked for by a call, and has no answer yet.
@@ -42,64 +42,43 @@ let leaving = false; // it was given back here
 let leader = null; // what was said last
 let heard = -Infinity; // when the studio said something last
 
-/**
- * What is held: `args` once they have changed, `fine` once it ended as it was asked for.
- * @typedef {{ number: number, args?: object, settle: (why: string) => void, attended: boolean, element: HTMLElement | null, timer: number, fine?: boolean }} Held
- * @typedef {{ attended?: boolean, element?: HTMLElement }} HoldOptions
- */
-
+/** @type {Hexwire} */
 const hexwire = {
-  /** @type {Hello} */
   model: { kind: "hello", tab: "", right: 0, robot: "", joints: [], space: false },
-  /** @type {Facts | null} */
   facts: null,
-  /** @type {Frame | null} */
   frame: null,
   tab: "",
-  /** @returns {boolean} */
   get connected() {
     return socket !== null && socket.readyState === WebSocket.OPEN;
   },
   /** Whether this page may be given control. */
   operates: Number(meta("right")) > 1,
   key,
-  /**
-   * Whether this page still hears the studio, which may hang although the connection is there.
-   * @returns {boolean}
-   */
+  /** Whether this page still hears the studio, which may hang although the connection is there. */
   get heard() {
     return hexwire.connected && performance.now() - heard < HEARD;
   },
-  /**
-   * Whether what is shown is from now: the studio says so, and this page still hears it.
-   * @returns {boolean}
-   */
+  /** Whether what is shown is from now: the studio says so, and this page still hears it. */
   get known() {
     const { facts } = hexwire;
     if (!facts || !hexwire.heard) return false;
     return facts.known || (facts.mode !== "arm" && facts.mode !== "bus");
   },
-  /** @returns {boolean} */
   get holding() {
     return held !== null;
   },
-  /**
-   * Whether it holds what lasts while this page is in sight, without a pressed button.
-   * @returns {boolean}
-   */
+  /** Whether it holds what lasts while this page is in sight, without a pressed button. */
   get attending() {
     return held !== null && held.attended;
   },
   onFrame: listener("frame"),
-  /** @type {ReturnType<typeof listener<"facts">>} */
   onFacts: (call, element) => {
-    const end = listen("facts", call, element);
+    const end = listener("facts")(call, element);
     if (hexwire.facts) call(hexwire.facts);
     return end;
   },
-  /** @type {ReturnType<typeof listener<"hello">>} */
   onHello: (call, element) => {
-    const end = listen("hello", call, element);
+    const end = listener("hello")(call, element);
     if (hexwire.model.joints.length) call(hexwire.model);
     return end;
   },
@@ -111,9 +90,8 @@ const hexwire = {
   onRange: listener("range"),
   onFirst: listener("first"),
   onSteps: listener("steps"),
-  /** @type {ReturnType<typeof listener<"leader">>} */
   onLeader: (call, element) => {
-    const end = listen("leader", call, element);
+    const end = listener("leader")(call, element);
     if (leader) call(leader);
     return end;
   },
@@ -129,59 +107,44 @@ const hexwire = {
 };
 export default hexwire;
 
-/**
- * What the bits of a joint say is wrong with it, in words.
- * @param {number} flags
- */
-export const faultsOf = (flags) => FAULTS.filter((name) => flags & FLAG[name]);
+/** What the bits of a joint say is wrong with it, in words. */
+export const faultsOf = (/** @type {number} */ flags) => FAULTS.filter((name) => flags & FLAG[name]);
 window.hexwire = hexwire;
 
 /**
  * The element that a selector finds, where a page without it is broken.
- * @template {Element} [E=HTMLElement]
- * @param {ParentNode} root
- * @param {string} selector
- * @param {new () => E} [kind] what it is
- * @returns {E}
+ * @type {Find}
  */
 export function required(root, selector, kind) {
-  const found = root.querySelector(selector);
-  if (found instanceof (kind ?? HTMLElement)) return /** @type {E} */ (found);
+  const [found] = all(root, selector, kind);
+  if (found) return found;
   throw new Error(`the page has no ${selector}`);
 }
-
 
 /**
  * All elements of a kind that a selector finds.
  * @template {Element} [E=HTMLElement]
  * @param {ParentNode} root
  * @param {string} selector
- * @param {new () => E} [kind]
+ * @param {Kind<E>} [kind]
  */
-export const all = (root, selector, kind) => /** @type {E[]} */ ([...root.querySelectorAll(selector)].filter((each) => each instanceof (kind ?? HTMLElement)));
+export function all(root, selector, kind) {
+  return /** @type {E[]} */ ([...root.querySelectorAll(selector)].filter((each) => each instanceof (kind ?? HTMLElement)));
+}
 
 // -- listeners -----------------------------------------------------------------------------------------
 
 /**
  * @template {keyof Told} K
  * @param {K} kind
- * @param {(value: Told[K]) => unknown} call
- * @param {Element} [element]
- */
-function listen(kind, call, element) {
-  const row = { call, element };
-  listeners[kind].add(row);
-  return () => listeners[kind].delete(row);
-}
-
-/**
- * Listens to one kind of message; it ends with what is returned, or with the element.
- * @template {keyof Told} K
- * @param {K} kind
- * @returns {(call: (value: Told[K]) => unknown, element?: Element) => () => void}
+ * @returns {Listen<K>}
  */
 function listener(kind) {
-  return (call, element) => listen(kind, call, element);
+  return (call, element) => {
+    const row = { call, element };
+    listeners[kind].add(row);
+    return () => listeners[kind].delete(row);
+  };
 }
 
 /**
@@ -303,8 +266,7 @@ function draw(bytes) {
 // -- calls ---------------------------------------------------------------------------------------------
 
 /**
- * Ask the studio for something, see studio/calls.py. Nothing is kept for later: without a connection it is refused.
- * Resolves to its value; rejected with why not. `opened`: `facts.opened` of what is shown, if it is about that.
+ * Nothing is kept for later: without a connection it is refused.
  * @type {Ask}
  */
 function call(name, args = {}, opened = null) {
@@ -316,7 +278,7 @@ function call(name, args = {}, opened = null) {
 }
 
 /**
- * As `call`, for what a person has pressed: what is refused is told. Resolves to undefined then.
+ * As `call`, for what a person has pressed: what is refused is told.
  * @type {Act}
  */
 function act(name, args = {}, opened = null) {
@@ -328,13 +290,7 @@ function act(name, args = {}, opened = null) {
 
 // -- holds ---------------------------------------------------------------------------------------------
 
-/**
- * Hold a motion until `release`. Resolves with why it ended.
- * @param {string} kind
- * @param {object} args
- * @param {HoldOptions} options
- * @returns {Promise<string>}
- */
+/** @type {Hexwire["hold"]} */
 function hold(kind, args, options = {}) {
   release();
   number += 1;
@@ -356,10 +312,7 @@ function beat() {
 }
 
 
-/**
- * Change what is held.
- * @param {object} args
- */
+/** @type {Hexwire["update"]} */
 function update(args) {
   if (!held) return;
   held.args = args;
@@ -387,10 +340,7 @@ function ended(why, fine = false) {
 
 /**
  * Let a button hold a motion while it is pressed; not while `options.idle` says that it does something else.
- * @param {HTMLButtonElement} element
- * @param {string} kind
- * @param {object | (() => object)} args
- * @param {HoldOptions & { idle?: () => unknown, onEnd?: (why: string) => void }} options
+ * @type {Hexwire["holdButton"]}
  */
 function holdButton(element, kind, args, options = {}) {
   const begin = () => {

@@ -2,11 +2,12 @@
 //
 // Owns which signals are shown. plot.js draws; signals.js knows units.
 
+import { chips } from "./forms.js";
 import hexwire from "./live.js";
 import { Plot } from "./plot.js";
 import { fetchColumns, save } from "./columns.js";
 import { ARM_SIGNALS, JOINT_SIGNALS, jointSeries, valuesOf } from "./signals.js";
-import { loadSheet, make, chips, whyOf } from "./widgets.js";
+import { loadSheet, make, whyOf } from "./widgets.js";
 
 const STORE = "hexwire-plots";
 

@@ -1,10 +1,11 @@
 // One recording, or two on one time axis. Owns what is shown of them; plot.js draws.
 
+import { chips } from "./forms.js";
 import hexwire from "./live.js";
 import { Plot } from "./plot.js";
 import { fetchColumns } from "./columns.js";
 import { DEG, JOINT_SIGNALS, jointSeries, valuesOf } from "./signals.js";
-import { chips, make, whyOf } from "./widgets.js";
+import { make, whyOf } from "./widgets.js";
 import { makeFigure } from "./recordings_arm.js";
 import { makePictures } from "./recordings_cameras.js";
 import { makePlayer } from "./recordings_play.js";

@@ -1,12 +1,13 @@
 // The page Servos: a list at the left, one servo at the right; on a phone one below the other. Owns the order of the parts,
 // the search and the lists: of a bus, or of an arm that is open, whose protocol tells of its servos. Must not know what a servo may do.
 
+import { question } from "./forms.js";
 import hexwire, { all, required } from "./live.js";
 import { backup, identity, registers } from "./servos_settings.js";
 import { health, ofJoint, overview, stress, wave } from "./servos_checks.js";
 import { calibration, setUp } from "./servos_calibration.js";
 import { View, button, choice, field, form, frames, hint, live, offer, progress, put, row, table } from "./servos_kit.js";
-import { fill, html, loadSheet, node, question, tabs, within } from "./widgets.js";
+import { fill, html, loadSheet, node, tabs, within } from "./widgets.js";
 
 /** @type {Record<string, [string, import("./servos_kit.js").Part]>} */
 const PARTS = {

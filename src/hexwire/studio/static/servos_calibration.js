@@ -1,9 +1,10 @@
 // Parts of the page Servos about a whole arm: the middle of a servo and the calibration by hand, and setting an arm up servo by
 // servo. Owns forms, questions and the table of ranges; the server measures, says what comes next, and stores.
 
+import { download, question } from "./forms.js";
 import hexwire, { all } from "./live.js";
 import { button, choice, chooser, facts, field, form, hint, number, offer, put, row, section, table } from "./servos_kit.js";
-import { download, fill, html, node, question } from "./widgets.js";
+import { fill, html, node } from "./widgets.js";
 
 const LARGEST = 256 * 1024; // bytes of a file
 

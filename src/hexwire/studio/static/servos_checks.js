@@ -1,9 +1,10 @@
 // Parts of the page Servos that look and test: overview with torque, health, stress test, wave. Owns forms and plots.
 
+import { question } from "./forms.js";
 import hexwire, { all } from "./live.js";
 import { Plot } from "./plot.js";
 import { button, choice, facts, field, form, frames, hint, live, number, numeric, progress, put, row, section, table, valueOf } from "./servos_kit.js";
-import { fill, html, node, question, whyOf } from "./widgets.js";
+import { fill, html, node, whyOf } from "./widgets.js";
 
 /**
  * @typedef {import("./servos_kit.js").Part} Part

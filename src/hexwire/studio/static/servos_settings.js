@@ -1,9 +1,10 @@
 // Parts of the page Servos that change what a servo keeps: its registers, its id and rate, backups. Owns forms and questions;
 // the server says what may be written, and reads it back.
 
+import { dialog, download, question } from "./forms.js";
 import hexwire from "./live.js";
 import { button, choice, chooser, field, form, hint, numeric, offer, put, row, section, table, valueOf } from "./servos_kit.js";
-import { dialog, download, fill, html, node, question, within } from "./widgets.js";
+import { fill, html, node, within } from "./widgets.js";
 
 const LARGEST = 1 << 20; // bytes of a file of backups
 /** @type {Choice<string>[]} */

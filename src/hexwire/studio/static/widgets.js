@@ -1,4 +1,4 @@
-// Small pieces that pages share: elements, texts, style sheets, groups of switches. Must not know what they mean.
+// Small pieces that pages share: elements, texts, style sheets, tabs. Must not know what they mean.
 
 /**
  * An element with properties, such as className, and children.
@@ -68,60 +68,6 @@ export function fill(element, markup) {
 }
 
 /**
- * Offer a file to save.
- * @param {string} name
- * @param {string} text
- */
-export function download(name, text) {
-  const url = URL.createObjectURL(new Blob([text], { type: "application/octet-stream" }));
-  node("a", { href: url, download: name }).click();
-  setTimeout(() => URL.revokeObjectURL(url), 10_000);
-}
-
-/**
- * Ask before a change. Escape stops the arm and closes the question.
- * @param {string} title
- * @param {string} text
- * @param {string} yes
- * @returns {Promise<boolean>} whether the person agrees
- */
-export function question(title, text, yes, level = "danger") {
-  const lines = text.split("\n").filter(Boolean).map((line) => node("p", {}, line));
-  return dialog(title, lines, yes, level, () => true).then(Boolean);
-}
-
-/**
- * A dialog with two buttons.
- * @template T
- * @param {string} title
- * @param {(Node | string)[]} parts
- * @param {string} yes
- * @param {string} level
- * @param {() => T} value
- * @returns {Promise<T | null>} what `value` gives when the person agrees
- */
-export function dialog(title, parts, yes, level, value) {
-  return new Promise((resolve) => {
-    const box = node("dialog", { class: "hw-dialog", "aria-label": title });
-    const form = node("form", { method: "dialog" }, node("h2", {}, title), ...parts,
-      node("div", { class: "hw-row" },
-        node("button", { class: `hw-button hw-${level}`, value: "yes" }, yes),
-        node("button", { class: "hw-button", type: "button", onclick: () => box.close() }, "Cancel")));
-    box.append(form);
-    box.addEventListener("close", () => {
-      box.remove();
-      resolve(box.returnValue === "yes" ? value() : null);
-    });
-    document.body.append(box);
-    // Not modal: STOP is in the header, and must be pressed beside it.
-    box.show();
-    const first = box.querySelector("[autofocus]") || box.querySelector("button");
-    if (first instanceof HTMLElement) first.focus();
-    box.addEventListener("keydown", (event) => event.key === "Escape" && box.close());
-  });
-}
-
-/**
  * Set a text; an unchanged one costs the browser nothing.
  * @param {Element} element
  * @param {string} text
@@ -184,37 +130,4 @@ export function tabs(label, names, choose) {
     show(keys[next]);
   });
   return { row, show };
-}
-
-/**
- * A group of switches; `changed` gets the keys that are on, in order.
- * @param {string} label
- * @param {{ key: string, text: string, unit?: string, colour?: string }[]} items
- * @param {string[]} on
- * @param {(keys: string[]) => void} changed
- * @param {{ all?: boolean }} options
- */
-export function chips(label, items, on, changed, options = {}) {
-  const group = make("fieldset", { className: "pl-chips" }, make("legend", { textContent: label }));
-  const boxes = items.map(({ key, text, unit, colour }) => {
-    const box = make("input", { type: "checkbox", checked: on.includes(key), value: key });
-    const chip = make("label", { className: "pl-chip" }, box, make("span", { textContent: text }));
-    if (unit) chip.append(make("small", { textContent: unit }));
-    if (colour) chip.style.setProperty("--chip", `var(${colour})`);
-    box.addEventListener("change", tell);
-    group.append(chip);
-    return box;
-  });
-  if (options.all) {
-    const all = make("button", { type: "button", className: "pl-all", textContent: "all", title: `All ${label.toLowerCase()}` });
-    all.setAttribute("aria-label", `All ${label.toLowerCase()}`);
-    all.addEventListener("click", () => {
-      const every = boxes.every((box) => box.checked);
-      boxes.forEach((box, i) => { box.checked = !every || i === 0; });
-      tell();
-    });
-    group.append(all);
-  }
-  function tell() { changed(boxes.filter((box) => box.checked).map((box) => box.value)); }
-  return group;
 }

@@ -1,9 +1,10 @@
 // The page Wire: asks the studio for rows as fast as the browser can draw them, and for one frame when it is selected.
 // Owns filter, source and pause; wire_list.js draws the rows, wire_detail.js one frame.
 
+import { chips } from "./forms.js";
 import hexwire, { required } from "./live.js";
 import { ask, save, withQuery } from "./columns.js";
-import { chips, loadSheet, node, whyOf } from "./widgets.js";
+import { loadSheet, node, whyOf } from "./widgets.js";
 import { Detail } from "./wire_detail.js";
 import { FrameList, NUMBER } from "./wire_list.js";
 
