@@ -121,6 +121,12 @@ def test_a_narrow_terminal_gets_the_table_in_parts(width: int) -> None:
         assert all(cell in text for cell in row)
 
 
+def test_a_column_that_is_wider_than_the_terminal_goes_on_in_the_next_line() -> None:
+    text = drawn(JointTable(("joint", "condition"), [("J1", "overload, overheated")], [True]), width=12)
+    assert max(map(len, text.splitlines())) <= 12
+    assert "J1overload,overheated" in "".join(text.split())
+
+
 def test_names_cannot_command_the_terminal() -> None:
     console = SafeConsole(width=80)
     with console.capture() as capture:

@@ -515,9 +515,9 @@ class TrajectoryController:
 
     def _begin_pending(self, state: JointState, now: float) -> None:
         pending, active = self._pending, self._active
-        soonest, settled = self.generator.next_start(now), self.generator.settled
         if pending is None or active is None:
             return
+        soonest, settled = self.generator.next_start(now), self.generator.settled
         # A robot that executes trajectories itself is told early, and begins exactly then.
         early = max(settled, pending.goal.early) if settled else 0.0
         if soonest + early < pending.due:
