@@ -54,7 +54,8 @@ interface Present {
 }
 
 interface OfArm {
-    lost: boolean;
+    /** Why the arm holds: a lost lease. */
+    lost: string;
     teaching: boolean;
     taught: string | null;
 }
@@ -345,7 +346,7 @@ interface Plan {
     duration: number;
     lead_in: number;
     fits: number | null;
-    tip: { position: number[]; rpy: number[] } | null;
+    tip: { position: number[]; rpy: number[]; pitch_roll: number[] | null } | null;
     branch: string;
     branches: Branch[];
     refusal: string;
@@ -572,7 +573,7 @@ interface WireRows {
     more: boolean;
     first: number;
     newest: number;
-    id: number;
+    id: string;
     view: "live" | "file";
     name: string;
     series: string;
@@ -588,6 +589,7 @@ interface WirePart {
     words?: string;
     meaning?: string;
     problem?: string;
+    value?: number;
     parts?: WirePart[];
 }
 

@@ -52,7 +52,7 @@ export async function mount(root, args) {
 const button = (text, on, more = {}) => node("button", { type: "button", class: "hw-button", onclick: on, ...more }, text);
 
 class WirePage {
-  source = 0;
+  source = "";
   since = 0;
   offset = 0;
   hidden = (sessionStorage.getItem(HIDDEN) ?? "").split(" ").filter(Boolean);
@@ -198,7 +198,7 @@ class WirePage {
   /** @param {WireRows} page */
   take(page) {
     if (page.id !== this.source || page.next < this.since) {
-      const first = this.source === 0;
+      const first = this.source === "";
       this.source = page.id;
       this.since = 0;
       this.rate = { number: page.newest, time: performance.now(), value: 0 };
