@@ -100,6 +100,9 @@ def _one_client(stack: ExitStack, folder: Path) -> Iterator[str]:
         most = max(row[name]["threads"] for row in rounds)
         threads = _threads(owners[name], clients[name])
         yield f"  {name}: threads of the owner {threads}{aim}; {most:.0f} while clients come and go"
+    shares = ", ".join(f"{key} {ratio(rounds, ours, bare, key):.2f}" for key in ("owner", "client"))
+    # A machine that is shared with others is twice as slow in one hour as in the next.
+    yield f"  CPU, ratio {ours} / {bare}: {shares}"
     for what, aim in (("state", "at most 1.5"), ("command", "p50 at most 0.6 ms")):
         for name in owners:
             p50, p99 = (middle(rounds, name, f"{what} {key}") for key in ("p50", "p99"))
