@@ -152,12 +152,15 @@ class Page {
       seen = now;
       /** @type {(words: string, about: string, args: Calls["first.begin"]["args"]) => HTMLElement} */
       const offer = (words, about, args) => node("div", { class: "fr-port" },
-        button(words, (pressed) => this.begin(pressed, args), { level: "accent" }), node("span", { class: "hw-dim" }, about));
+        button(words, (pressed) => this.begin(pressed, args)), node("span", { class: "hw-dim" }, about));
       ports.replaceChildren(
         ...(here ? [offer("Begin with what is open", here, { robot: robots.value })] : []),
         ...rows.map((one) => offer(`Begin at ${one.device}`, one.obstacle || [one.guess, one.advice === known.warning ? "" : one.advice].filter(Boolean).join(". "), { url: one.device, robot: robots.value })));
       if (!rows.length) ports.append(node("p", {}, "No serial port on this machine yet. Plug the cable in, or try another one."));
-      for (const each of ports.querySelectorAll("button")) each.disabled = !this.operates;
+      ports.querySelectorAll("button").forEach((each, i) => {
+        each.disabled = !this.operates;
+        each.classList.toggle("hw-accent", i === 0); // the likeliest one
+      });
     };
     robots.addEventListener("change", () => {
       this.picture.show(robots.value).then(() => this.picture.mark(""));
