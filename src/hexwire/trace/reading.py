@@ -68,7 +68,7 @@ class FrameReading(NamedTuple):
         text: Description.
         data: Its bytes.
         time: Time of its last byte.
-        words: The part of the text for a frame's body or for a packet, with its hazard.
+        said: Where `words` are in the text: of thousands that are kept, none has them twice.
         problem: Why it is bad; empty if it is not.
         answer: Whether it is an answer: a frame from the board, or a status packet.
         answers: The request that it answers, or None.
@@ -82,11 +82,17 @@ class FrameReading(NamedTuple):
     text: str
     data: bytes
     time: float = 0.0
-    words: str = ""
+    said: tuple[int, int] = (0, 0)
     problem: str = ""
     answer: bool = False
     answers: FrameReading | None = None
     line: str = "host"
+
+    @property
+    def words(self) -> str:
+        """The part of the text for a frame's body or for a packet, with its hazard."""
+        begin, end = self.said
+        return self.text[begin:end]
 
 
 class Field(NamedTuple):
@@ -222,7 +228,7 @@ class Reader:
         if piece.kind == "bad":
             name = "frame" if self.line == "host" else "packet"
             text = f"bad {name}: {piece.problem}"
-            return FrameReading("bad", *place, text, data, time, "", piece.problem, line=self.line)
+            return FrameReading("bad", *place, text, data, time, (0, 0), piece.problem, line=self.line)
         if piece.kind == "packet":
             return self._packet(place, data, time)
         return self._frame(place, data, time, piece.kind == "cooked")
@@ -323,11 +329,12 @@ class Reader:
         head = self._head_words(data)
         words, hazard = self._inner_words(data, body, asked[1] if asked else None, from_board)
         text = head + (f": {words}" if body else "") + hazard
+        said = len(head) + 2 * bool(body), len(text)
         if dialect == 1 and 0 <= data.find(TAIL, 4) < len(data) - 2:
             text += MARKER
         text += ICRNL if cooked else ""
         before = asked[0] if asked else None
-        found = FrameReading("frame", *place, text, data, time, words + hazard, "", from_board, before)
+        found = FrameReading("frame", *place, text, data, time, said, "", from_board, before)
         if not from_board and (reply or not report) and not (dialect == 1 and cmd == CMD_SYNC_WRITE):
             self._asked[slot] = (found, body[2:] if cmd == CMD_TRANSACT else body)
             if len(self._asked) > MOST_ASKED:
@@ -338,7 +345,7 @@ class Reader:
         asked = self._asked.get("bus")
         words, answer, hazard = self._servo_words(data, asked[1] if asked else None, "bus", None)
         text, before = words + hazard, asked[0] if answer and asked else None
-        found = FrameReading("packet", *place, text, data, time, text, "", answer, before, "bus")
+        found = FrameReading("packet", *place, text, data, time, (0, len(text)), "", answer, before, "bus")
         if not answer:
             self._asked["bus"] = (found, data)
         elif asked and asked[1][4] != SYNC_READ:

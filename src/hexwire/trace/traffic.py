@@ -284,7 +284,8 @@ class Traffic:
             if reading.time and request.reading.time:
                 entry.took = request.took = reading.time - request.reading.time
         self._entries.append(entry)
-        self._places[reading.way, reading.start] = entry
+        if not reading.answer:
+            self._places[reading.way, reading.start] = entry
         self._bytes += len(reading.data)
         while len(self._entries) > self._most or (self._bytes > self._size and len(self._entries) > 1):
             gone = self._entries.popleft()
