@@ -140,7 +140,7 @@ function kept(joints) {
     found = JSON.parse(localStorage.getItem(KEPT) ?? "null");
   } catch { /* nothing is kept, or what is kept is no mapping */ }
   const known = inputs();
-  /** @type {(given: any, usual: [string, number]) => [string, number]} */
+  /** @type {(given: unknown, usual: [string, number]) => [string, number]} */
   const row = (given, usual) => (Array.isArray(given) && known.includes(given[0]) && [1, -1].includes(given[1]) ? [given[0], given[1]] : usual);
   /** @type {(mode: "space" | "joint", length: number) => Ways} */
   const rows = (mode, length) => Array.from({ length }, (_, i) => row(found?.[mode]?.[i], USUAL[mode][i] ?? ["", 1]));
