@@ -5,8 +5,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.bus.bus_bench import make_bus
+from tests.bus.bus_bench import BusLink, make_bus
 
+from hexwire.bus.machine import ADAPTER_TIME
 from hexwire.drivers.abilities import Leased, OnboardPaths, ServoTables, StateReports, Watchdog
 from hexwire.drivers.base import Signal, StopMode
 from hexwire.drivers.bus_arm import BusArm, ChainArm, SevenBotArm, So100Arm, So101Arm, arm_class
@@ -28,7 +29,7 @@ from hexwire.model.calibration import Calibration, JointCalibration
 from hexwire.model.state import JointFlag, JointTarget
 from hexwire.wire.command_frame import Command
 from hexwire.wire.registers import Series
-from hexwire.wire.servo_packet import make_read, make_write
+from hexwire.wire.servo_packet import make_read, make_status, make_write
 
 _KINDS: dict[type[BusArm], tuple[Series, ...]] = {
     So101Arm: (Series.STS_SMS,) * 6,
@@ -72,6 +73,36 @@ def test_attach_moves_nothing_and_switches_nothing(arm: BusArm) -> None:
     for one, other in zip(before.position, after.position, strict=True):
         assert one == pytest.approx(other, abs=0.005)
     assert len(after) == len(arm.model.joints)
+
+
+@pytest.mark.parametrize(
+    "old",
+    [make_status(1), make_status(1, 0, b"\x34\x12"), make_status(2, 0, b"\x01"), make_status(6, 0, b"\x34")[:5]],
+    ids=["acknowledgement", "position", "torque", "piece"],
+)
+def test_what_an_adapter_still_holds_at_first_is_no_value(monkeypatch: pytest.MonkeyPatch, old: bytes) -> None:
+    arm, device = _make(So101Arm, monkeypatch)
+    before = arm.read().positions
+    arm.detach()
+    link = arm.servo_link
+    assert isinstance(link, BusLink)
+    flush = link.flush_input
+
+    def flush_and_forward() -> int:
+        count = flush()
+        link._to_host.put(old, link.clock.time)
+        return count
+
+    monkeypatch.setattr(link, "flush_input", flush_and_forward)
+    began = link.clock.time
+    arm.attach()
+    assert link.clock.time - began < ADAPTER_TIME, "waits for the adapter"
+    assert arm.read().positions == before
+    assert arm.read().torque_on == ()
+    device.wire.servos.pop(0)
+    arm.detach()
+    arm.attach()
+    assert arm.read().silent == ("shoulder_pan",)
 
 
 def test_a_move_takes_the_time_that_was_asked_for(arm: BusArm) -> None:

@@ -59,6 +59,8 @@ def test_an_arm_with_a_fault_is_refused_by_name_with_its_cure(
     sim = Sim(monkeypatch, leader=leader)
     afflict, text = FAULTS[fault]
     afflict(sim.servos[2])
+    # A servo looks for faults from time to time.
+    sim.clock.advance(0.1)
     device = sim.device()
     with pytest.raises(RuntimeError, match=rf"elbow_flex \(servo 3\): {text}"):
         device.connect()

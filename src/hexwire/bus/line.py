@@ -72,12 +72,18 @@ class BusLine:
 
     # --- opening ----------------------------------------------------------------------------------------------
 
-    def open(self) -> None:
-        """Open the link and discard old bytes in it and in the adapter, such as answers to another program."""
+    def open(self, *, settle: bool = True) -> None:
+        """Open the link and discard old bytes in it and in the adapter, such as answers to another program.
+
+        Args:
+            settle: Wait until the adapter has forwarded its bytes. Who begins with pings need not: bytes keep their
+                order, so old ones come before the first answer, and all they can pass for is the answer to a ping.
+        """
         self.link.open()
         self._restart()
         self.link.flush_input()
-        self.run(self.machine.drain(ADAPTER_TIME))
+        if settle:
+            self.run(self.machine.drain(ADAPTER_TIME))
 
     def set_baud(self, baud: int) -> None:
         """Change the rate of the link. The servos' own rate does not change.

@@ -306,13 +306,16 @@ class ServoBus(Openable):
 
     # --- opening -----------------------------------------------------------------------------------------------
 
-    def open(self) -> None:
+    def open(self, *, settle: bool = True) -> None:
         """Open the link and discard old bytes in it and in the adapter, such as answers to another program.
+
+        Args:
+            settle: Wait 20 ms for those in the adapter; not needed where pings come first, see `BusLine.open`.
 
         Raises:
             LinkError: The link cannot be opened; see `Link.open`.
         """
-        self._line.open()
+        self._line.open(settle=settle)
 
     def close(self) -> None:
         """Close the link. Harmless if it is closed."""

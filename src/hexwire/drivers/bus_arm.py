@@ -509,7 +509,7 @@ class BusArm(PlainDriver, BareServos, Counters, ServoPing, SetPoints, SilenceChe
             if self._baud is not None and hasattr(bus.link, "set_baud"):
                 bus.set_baud(self._baud)
             warn_of_reset(bus.link)  # a controller board may be there by mistake
-            bus.open()
+            bus.open(settle=False)  # pings come first
         try:
             errors = [bus.ping(joint.servo_id).error for joint in self.model.joints]
             here = [joint for joint, error in zip(self.model.joints, errors, strict=True) if not error]

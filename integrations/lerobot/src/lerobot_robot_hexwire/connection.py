@@ -233,11 +233,12 @@ class Connection:
         driver, began = self.driver, time.monotonic()
         end = min(end, began + self.patience)
         while time.monotonic() < end:
+            # Before the first try, too: a line that is lost again at once is not opened again without a pause.
+            time.sleep(_AGAIN)
             if reopened(driver):
                 self.lost += 1
                 logger.warning("%s%s; it is open again after %.2f s", self.whose, lost, time.monotonic() - began)
                 return
-            time.sleep(_AGAIN)
         raise translated(lost) from lost
 
     def _examine(self, driver: RobotDriver) -> None:
