@@ -64,7 +64,9 @@ class Token(NamedTuple):
     frees: bool = False
 
 
-class _Local(threading.local):
+class _Calls(threading.local):
+    """The call that each thread executes; None outside calls."""
+
     token: Token | None = None
 
 
@@ -73,6 +75,7 @@ class Epochs:
 
     Attributes:
         number: Another one after each stop; for those to whom a token cannot be given, such as pages.
+        calls: Has the token of the call that this thread executes.
     """
 
     def __init__(self) -> None:
@@ -86,7 +89,7 @@ class Epochs:
         self._numbers = itertools.count(1)
         self._under_way: set[object] = set()
         self._stopper = 0
-        self._local = _Local()
+        self.calls = _Calls()
         self._wakes: list[Callable[[], None]] = []
 
     @property
@@ -143,7 +146,7 @@ class Epochs:
 
         The call that this thread executes goes on, as one that was made now.
         """
-        token = self._local.token
+        token = self.calls.token
         self._limp = limp = object()
         # Another torque off at the same time does not refuse this one, only what comes after it.
         try:
@@ -153,7 +156,7 @@ class Epochs:
                 yield
         finally:
             if token is not None:
-                self._local.token = token._replace(limp=limp)
+                self.calls.token = token._replace(limp=limp)
 
     def free(self, switch_off: Callable[[], _T]) -> _T:
         """Switch torque off: at once, and again after a stop that was under way meanwhile.
@@ -200,7 +203,7 @@ class Epochs:
         Raises:
             StoppedError: A stop is under way, or was not confirmed.
         """
-        mine = self._local.token
+        mine = self.calls.token
         if mine is not None:
             return mine
         if self._under_way:
@@ -226,7 +229,7 @@ class Epochs:
     @property
     def of_this_call(self) -> Token | None:
         """Token of the call that this thread executes; None outside calls."""
-        return self._local.token
+        return self.calls.token
 
     def holds(self, token: Token) -> bool:
         """Whether requests of that call may still be sent."""
@@ -235,9 +238,9 @@ class Epochs:
         return self._refused(token) is None and (token.refusal is None or token.refusal() is None)
 
     def undisturbed(self, token: Token) -> bool:
-        """Whether nothing has come since that call, and nothing else can refuse it: the usual case."""
+        """Whether nothing has come since that call, no stop holds, and nothing else refuses it: the usual case."""
         return (
-            token.epoch is self._current
+            token.epoch is self._current is self._ended
             and token.voided is self._voided
             and token.limp is self._limp
             and not token.stopped
@@ -289,11 +292,11 @@ class Epochs:
         Raises:
             StoppedError: As `token`.
         """
-        return _Within(self._local, self.token(what, freeing=freeing))
+        return _Within(self.calls, self.token(what, freeing=freeing))
 
     def using(self, token: Token | None) -> _Within:
         """Make everything in a `with` block part of an earlier call, perhaps one of another thread."""
-        return _Within(self._local, token)
+        return _Within(self.calls, token)
 
     # -- stops ----------------------------------------------------------------------------------------
 
@@ -318,7 +321,7 @@ class Epochs:
 
     def unconfirmed(self) -> None:
         """Mark the stop that this thread executes as unconfirmed, although it raised no error."""
-        token = self._local.token
+        token = self.calls.token
         if token is not None and token.urgent:
             self._failed = token.epoch
 
@@ -328,20 +331,20 @@ class Epochs:
 
 
 class _Within:
-    __slots__ = ("_before", "_local", "token")
+    __slots__ = ("_before", "_calls", "token")
 
-    def __init__(self, local: _Local, token: Token | None) -> None:
-        self._local, self.token = local, token
+    def __init__(self, calls: _Calls, token: Token | None) -> None:
+        self._calls, self.token = calls, token
         self._before: Token | None = None
 
     def __enter__(self) -> Self:
-        self._before, self._local.token = self._local.token, self.token
+        self._before, self._calls.token = self._calls.token, self.token
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._local.token = self._before
+        self._calls.token = self._before
 
 
 class _Stopping:
@@ -355,7 +358,7 @@ class _Stopping:
         self._stop = stop = object()
         try:
             epochs.begin(stop)
-            self._within = _Within(epochs._local, Token(stop, True, True))
+            self._within = _Within(epochs.calls, Token(stop, True, True))
             self._within.__enter__()
         except BaseException:
             epochs.end(stop, confirmed=False)

@@ -121,7 +121,7 @@ def test_one_pass_gives_what_check_and_packets_give(
     target = JointTarget.of(
         {arm.name: angle for arm, (_, angle, _) in zip(arms, moves, strict=True)}, duration, guided=guided
     )
-    made = goals.checked_packet(target.positions, target.duration, starts, guided=guided)
+    made = goals.checked_packet(target.positions, target.duration, starts, guided)
     try:
         checked = check_target(model, target, starts)
     except LimitError:
@@ -137,7 +137,7 @@ def test_one_pass_gives_what_check_and_packets_give(
             arm.angle_to_counts(angle) < 0 or abs(angle) > 2.0
             for arm, (_, angle, _) in zip(arms, moves, strict=True)
         )
-    assert goals.checked_packet(target.positions, duration, dict(list(starts.items())[1:])) is None
+    assert goals.checked_packet(target.positions, duration, dict(list(starts.items())[1:]), guided) is None
 
 
 def test_what_was_learned_counts_from_then_on() -> None:
@@ -146,8 +146,8 @@ def test_what_was_learned_counts_from_then_on() -> None:
     arm = joint("sts_sms")
     goals = BusGoals(bus, {"a": arm})
     target, starts = (("a", 1.0),), {"a": 0.0}
-    before = goals.checked_packet(target, 1.0, starts)
+    before = goals.checked_packet(target, 1.0, starts, True)
     bus.write_raw(1, "lock", 0)
     bus.write_raw(1, "phase", (bus.read(1, "phase").raw or 0) ^ 0x04)
     goals.learn([arm])
-    assert goals.checked_packet(target, 1.0, starts) not in (before, None)
+    assert goals.checked_packet(target, 1.0, starts, True) not in (before, None)

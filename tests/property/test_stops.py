@@ -22,7 +22,7 @@ from tests.property.stop_bench import PATIENCE, bench, move, run
 from tests.property.stops import Judge, watch
 
 from hexwire.drivers.base import RobotDriver
-from hexwire.drivers.bus_arm import SevenBotArm
+from hexwire.drivers.bus_arm import SevenBotArm, So101Arm
 from hexwire.errors import HexwireError, PreemptedError, StoppedError
 from hexwire.wire.registers import Series
 
@@ -336,6 +336,35 @@ def test_a_signal_handler_that_stops_voids_what_it_interrupts(kind: str, what: s
         assert goal() != call.count, line
         with pytest.raises(StoppedError):
             move(robot, 2000)
+
+
+def test_a_signal_handler_that_stops_comes_last_in_a_stream_of_set_points() -> None:
+    bus, device = make_bus(tuple(range(1, 7)), (Series.STS_SMS,) * 6, baud=1_000_000)
+    bus.close()
+    robot = So101Arm(bus.link)
+    robot.attach()
+    robot.torque(True)
+    sent = stopped = 0
+    for line in range(1, 500):
+        robot.resume()
+        goal = {name: angle + 0.1 for name, angle in robot.read().positions.items()}
+        counts = {joint.servo_id: joint.angle_to_counts(goal[joint.name]) for joint in robot.model.joints}
+        handler = AtLine(line, robot.stop)
+        with handler.tracing():
+            try:
+                robot.guide(goal, 0.02)
+            except (StoppedError, PreemptedError):
+                stopped += 1
+            else:
+                sent += 1
+        if handler.lines < line:
+            break
+        assert robot.read().stopped, line
+        for servo in device.wire.servos:
+            assert servo.registers.get("goal_position") != counts[servo.servo_id], (line, servo.servo_id)
+    else:
+        pytest.fail("the call does not end")
+    assert min(sent, stopped) > 5
 
 
 def act(robot: RobotDriver, judge: Judge, what: str) -> None:

@@ -47,7 +47,7 @@ from .stop_memory import StopMemory
 from .values import JointProbe
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Collection, Iterable, Mapping, Sequence
 
     from hexwire.bus.values import Reading, Readings
     from hexwire.link.base import Link
@@ -77,18 +77,17 @@ _PHASE_SPEED_UNIT = 0x04
 _SHORTEST, _LONGEST = 9, 0x7FFE
 """Milliseconds of a motion that a servo accepts; the shortest applies to the legacy series."""
 _FASTEST = 0x7FFF
-_STS_ROW, _COUNTS, _CEILING, _SPEED = "<Q", 16, 32, 48
-"""A servo's part of the packet as one number: its id, acceleration (0), position, time (the current ceiling of HLS)
-and speed, which are adjacent registers; and from which bit on the last three are."""
+_STS_ROW = "<HHHH"
+"""A servo's part of the packet: its id and its acceleration (0), position, time (the current ceiling of HLS) and
+speed, which are adjacent registers."""
 _sts_packer = lru_cache(partial(sync_write_packer, Series.STS_SMS.register("acceleration").address, _STS_ROW))
 _STS_SERIES = frozenset((Series.STS_SMS.value, Series.HLS.value))
 _MOST_COUNTS = 0x7FFF
 """Goals of STS and HLS servos up to this count have no sign bit."""
 
-_Row = tuple[int, int, float, float, int, float, float, float, float, float]
-"""What the goals of an STS or HLS servo depend on: its part of the packet without position and speed, sign, offset,
-scale, neutral, unit of speed; then the lower and the upper limit of its joint, its speed limit, and that of guided
-targets."""
+_Row = tuple[int, int, int, float, float, int, float, float, float, float, float]
+"""What the goals of an STS or HLS servo depend on: its id, current ceiling, sign, offset, scale, neutral, unit of
+speed; then the lower and the upper limit of its joint, its speed limit, and that of guided targets."""
 
 
 class BusGoals:
@@ -188,8 +187,7 @@ class BusGoals:
         positions: Iterable[tuple[str, float]],
         duration: float,
         starts: Mapping[str, float],
-        *,
-        guided: bool = False,
+        guided: bool,
     ) -> tuple[bytes, tuple[tuple[str, float], ...], float] | None:
         """Check a target as `check_target`, and make its goals, in one pass over its joints.
 
@@ -208,13 +206,13 @@ class BusGoals:
         rows, longest = self._rows, duration
         if not rows:
             self._rows = rows = self._make_rows()
-        goals = []
+        fields: list[int] = []
         sent = []
         for name, angle in positions:
             row, start = rows.get(name), starts.get(name)
             if row is None or start is None or type(angle) is not float:
                 return None
-            fixed, sign, offset, scale, neutral, unit, low, high, most, fastest = row
+            servo_id, ceiling, sign, offset, scale, neutral, unit, low, high, most, fastest = row
             if not low <= angle <= high:
                 return None
             steps = round(sign * (angle - offset) / scale)
@@ -225,17 +223,18 @@ class BusGoals:
             if longest < needed:
                 longest = needed
             speed = ceil(abs(steps - round(sign * (start - offset) / scale)) / duration / unit) or 1
-            goals.append(fixed | counts << _COUNTS | (speed if speed < _FASTEST else _FASTEST) << _SPEED)
+            fields += servo_id, counts, ceiling, speed if speed < _FASTEST else _FASTEST
             sent.append((name, sign * steps * scale + offset))
         if longest > duration:
             # Too fast: with the time that it needs, all of them are slower.
-            return self.checked_packet(positions, longest, starts, guided=guided)
-        return _sts_packer(len(sent))(*goals), tuple(sent), duration
+            return self.checked_packet(positions, longest, starts, guided)
+        return _sts_packer(len(sent))(*fields), tuple(sent), duration
 
     def _make_rows(self) -> dict[str, _Row]:
         return {
             name: (
-                joint.servo_id | self._ceiling(joint) << _CEILING,
+                joint.servo_id,
+                self._ceiling(joint),
                 joint.sign,
                 joint.offset,
                 joint.scale,
@@ -674,29 +673,23 @@ class BusArm(PlainDriver, BareServos, Counters, ServoPing, SetPoints, SilenceChe
     # -- moving -------------------------------------------------------------------------------------
 
     def guide(self, positions: Mapping[str, float], duration: float) -> tuple[tuple[str, float], ...]:
-        return self._act("a move", self._guide, positions, duration)
-
-    def _guide(self, positions: Mapping[str, float], duration: float) -> tuple[tuple[str, float], ...]:
         if type(positions) is dict and positions and type(duration) is float and 0.0 <= duration <= LONGEST:
-            sent = self._post(positions.items(), duration, guided=True)
-            if sent is not None:
-                return sent[0]
-        return self._send(JointTarget.of(positions, duration, guided=True)).positions
+            return self._act("a move", self._post, positions.items(), duration, True)[0]
+        return self.write(JointTarget.of(positions, duration, guided=True)).positions
 
     def _send(self, target: JointTarget) -> SentTarget:
-        sent = self._post(target.positions, target.duration, guided=target.guided)
-        return super()._send(target) if sent is None else SentTarget(*sent)
+        return SentTarget(*self._post(target.positions, target.duration, target.guided))
 
     def _post(
-        self, targets: Iterable[tuple[str, float]], duration: float, *, guided: bool
-    ) -> tuple[tuple[tuple[str, float], ...], float] | None:
-        """Send nearly every target of a loop: all joints have torque, and nothing is to be refused; else None."""
+        self, targets: Collection[tuple[str, float]], duration: float, guided: bool
+    ) -> tuple[tuple[tuple[str, float], ...], float]:
+        """Send a target; returns the positions that were sent, and the duration."""
+        # Nearly every target of a loop: all joints have torque, and nothing is to be refused.
         positions = self._positions
-        if not all(self._torque):
-            return None
-        made = self._goals.checked_packet(targets, duration, positions, guided=guided)
+        made = self._goals.checked_packet(targets, duration, positions, guided) if all(self._torque) else None
         if made is None:
-            return None
+            whole = super()._send(JointTarget(tuple(targets), duration, guided=guided))
+            return whole.positions, whole.duration
         packet, sent, duration = made
         self.bus.post(packet)
         # The start of the next move, until the next read.

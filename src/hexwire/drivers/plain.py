@@ -137,29 +137,32 @@ class PlainDriver(RobotDriver):
 
     def _act(self, what: str, hook: Callable[..., _T], *given: Any, freeing: bool = False) -> _T:
         """Call a hook in its turn, unless a stop came after the call; `freeing` for one that takes torque away."""
-        epochs = self.epochs
+        epochs, again = self._epochs, False
         if not self._open:
             self._check_attached()
-        with epochs.calling(what, freeing=freeing) as call, self._turn:
-            token = call.token
-            assert token is not None
-            if freeing:
-                epochs.check(token, what)
-            else:
-                if epochs.stopped:
+        token = epochs.token(what, freeing=freeing)
+        # As `Epochs.using` does, which costs a fast loop four calls more.
+        calls = epochs.calls
+        before, calls.token = calls.token, token
+        try:
+            with self._turn:
+                if freeing:
+                    epochs.check(token, what)
+                elif not epochs.undisturbed(token):
                     self._refuse_if_stopped(what)
-                if not epochs.undisturbed(token):
                     epochs.check_leaving(token, what)
-            try:
-                found = hook(*given)
-            finally:
-                if again := epochs.stopped_here_since(token):
-                    # By a signal handler: what it interrupted may have been sent after the stop.
-                    with epochs.stopping():
-                        self._halt(self._mode)
-            if again:
-                epochs.check(token, what)
-            return found
+                try:
+                    found = hook(*given)
+                finally:
+                    if not epochs.undisturbed(token) and (again := epochs.stopped_here_since(token)):
+                        # By a signal handler: what it interrupted may have been sent after the stop.
+                        with epochs.stopping():
+                            self._halt(self._mode)
+                if again:
+                    epochs.check(token, what)
+                return found
+        finally:
+            calls.token = before
 
     def _check_attached(self) -> None:
         if not self._open:

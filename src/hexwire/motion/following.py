@@ -22,6 +22,7 @@ from .teleop import Action
 
 __all__ = ["Behind", "FollowStep", "Following", "GripForce"]
 
+_new = tuple.__new__
 _LONGEST_STEP = 0.1
 """Longest time in seconds that one cycle integrates: a program that stalled must not catch up."""
 _MET = math.radians(1.5)
@@ -210,10 +211,14 @@ class Following:
             loads: Loads of the follower as signed fractions of full scale; NaN where unknown.
             now: Seconds, monotonic.
         """
-        if not age < self._stale or (led := self._known(leader)) is None:
-            return self._hold("the leader is silent")
-        if (standing := self._known(positions)) is None:
-            return self._hold("the positions of the follower are unknown")
+        names = self._names
+        try:
+            led, standing = [*map(leader.__getitem__, names)], [*map(positions.__getitem__, names)]
+        except KeyError:
+            led = standing = [math.nan]
+        # One that is not finite makes the sum so.
+        if not (age < self._stale and math.isfinite(sum(led) + sum(standing))):
+            return self._unknown(leader, age)
         if not self._active:
             self._active = True
             self._met.clear()
@@ -222,7 +227,9 @@ class Following:
             self._velocities.clear()
             self._trail = [(now, dict(positions))] * 2
             self._last = now
-        step = min(max(now - self._last, 0.0), _LONGEST_STEP)
+        step = now - self._last
+        if not 0.0 <= step <= _LONGEST_STEP:
+            step = 0.0 if step < 0.0 else _LONGEST_STEP
         self._last = now
         if now - self._trail[1][0] >= _TRAIL:
             self._trail = [self._trail[1], (now, dict(positions))]
@@ -242,11 +249,14 @@ class Following:
                 if wanted != asked:
                     behind[name] = Behind.GRIP
             way = wanted - goal
-            if name not in met and -_MET <= way <= _MET:
+            if name in met:
+                most = fastest * step
+            elif -_MET <= way <= _MET:
                 met.add(name)
-            most = (fastest if name in met else meeting) * step
-            lead = wanted - here
-            if -most <= way <= most and -_MOST_LEAD <= lead <= _MOST_LEAD and not eased:
+                most = fastest * step
+            else:
+                most = meeting * step
+            if -most <= way <= most and -_MOST_LEAD <= wanted - here <= _MOST_LEAD and not eased:
                 # Nearly every joint in nearly every cycle.
                 goals[name] = wanted
             else:
@@ -270,16 +280,12 @@ class Following:
             jaw = grip.jaws.joint
             self.presses = self._grasp is not None or abs(goals[jaw] - positions[jaw]) > grip.squeeze
         # The caller gets them to read; the next cycle makes new ones.
-        return FollowStep(Action.MOVE, goals, len(met) == len(goals), note, way_back, behind)
+        return _new(FollowStep, (Action.MOVE, goals, len(met) == len(goals), note, way_back, behind))
 
-    def _known(self, values: Mapping[str, float]) -> list[float] | None:
-        """The value of each joint in the order of the arm; None if one is missing or not finite."""
-        try:
-            found = [*map(values.__getitem__, self._names)]
-        except KeyError:
-            return None
-        # One that is not finite makes the sum so.
-        return found if math.isfinite(sum(found)) else None
+    def _unknown(self, leader: Mapping[str, float], age: float) -> FollowStep:
+        """A cycle in which the value of a joint of either arm is missing, not finite or too old."""
+        known = age < self._stale and math.isfinite(sum([leader.get(name, math.nan) for name in self._names]))
+        return self._hold("the positions of the follower are unknown" if known else "the leader is silent")
 
     def _as_far_as_allowed(self, before: dict[str, float], wanted: dict[str, float]) -> dict[str, float]:
         """The joints that may move one after the other: a tool that touches the table slides along it."""

@@ -104,7 +104,10 @@ class HexwireRobot(HexwireDevice, Robot):
         # LeRobot's programs look for the joints here (lerobot-find-joint-limits).
         self.bus = SimpleNamespace(motors=self._motors())
         self.clipped = BehindCounter()
+        self._most = config.max_relative_target
         self._rules: Following | None = None
+        # Of a robot that has rules.
+        self._values: JointValues
         self._send: _Sender
         self._presses = False
         self._lost = 0
@@ -171,7 +174,7 @@ class HexwireRobot(HexwireDevice, Robot):
             max_speed=_radians(self.config.max_speed),
             max_acceleration=_radians(self.config.max_acceleration),
         )
-        self._send = _sender(driver)
+        self._values, self._send = self._arm.values, _sender(driver)
         self._presses = False
         self._here_at = self._sent_at = -math.inf
         _connected.add(self)
@@ -313,15 +316,15 @@ class HexwireRobot(HexwireDevice, Robot):
         Raises:
             DeviceNotConnectedError: As `send_action`, and so are RuntimeError and ValueError.
         """
-        return self._ready().angles(action)
+        values, _ = self._ready()
+        return values.angles(action)
 
-    def _ready(self) -> JointValues:
-        if not self._arm.is_open:
-            self._check_connected()
-        values = self._arm.values
-        if self._rules is None:
+    def _ready(self) -> tuple[JointValues, Following]:
+        self._check_connected()
+        values, rules = self._arm.values, self._rules
+        if rules is None:
             raise RuntimeError(f"{self} has no torque: connect it again")
-        return values
+        return values, rules
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
         """Send the arm towards an action.
@@ -340,52 +343,56 @@ class HexwireRobot(HexwireDevice, Robot):
                 (`on_fault`).
             ValueError: A value is not a number, or a joint does not exist; nothing was sent.
         """
-        values, rules = self._ready(), self._rules
+        rules = self._rules
+        if rules is None:
+            _, rules = self._ready()
+        values = self._values
         goal = values.angles(action)
-        assert rules is not None
         now = time.monotonic()
         age = now - self._here_at
         if age > _FRESH or (age > _SOON and (self._presses or self._is_far(goal))):
+            self._check_connected()
             self._read()
         capped: frozenset[str] = frozenset()
-        if self.config.max_relative_target is not None:
+        if self._most is not None:
             goal, capped = self._capped(goal)
         period = now - self._sent_at
         if period > _PAUSE:
             rules.pause()
-            self._goal = dict(self._here)
-        self._goal.update(goal)
+        whole = len(goal) == len(self._here)
+        self._goal = goal if whole else {**(self._here if period > _PAUSE else self._goal), **goal}
         step = rules.update(self._goal, 0.0, self._here, self._loads, now)
-        behind = step.behind if step.met and not capped else self._behind(step, capped)
-        if behind or step.note:
-            for note in (self.clipped.see(behind), step.note if self._notes.is_new(step.note, now) else ""):
-                if note:
-                    logger.warning("%s%s", self._arm.whose, note)
+        _, target, met, note, least, behind = step
+        if capped or not met:
+            behind = self._behind(step, capped)
+        if behind or note:
+            for text in (self.clipped.see(behind), note if self._notes.is_new(note, now) else ""):
+                if text:
+                    logger.warning("%s%s", self._arm.whose, text)
         if self._late:
             self._late = False
             rules.pause()
-        if not goal:
-            return {}
-        target = step.positions
-        if len(goal) < len(target):
+        if not whole:
             target = {name: target[name] for name in goal}
-        duration = max(min(max(_OVERLAP * period, _SHORTEST), _LONGEST), step.least)
-        sent = self._guide(target, duration)
+            if not target:
+                return {}
+        duration = _OVERLAP * period
+        if not _SHORTEST <= duration <= _LONGEST:
+            duration = _SHORTEST if duration < _SHORTEST else _LONGEST
+        try:
+            sent = self._send(target, duration if duration > least else least)
+        except LinkError as error:
+            # The line had to be opened again: the arm meets the next action slowly.
+            self._arm.open_again(error)
+            self._here_at = -math.inf
+            sent = ()
+        except HexwireError as error:
+            self._check_connected()
+            rules.pause()
+            raise translated(error) from error
         self._sent_at = now
         self._presses = rules.presses
         return values.named(sent)
-
-    def _guide(self, target: Mapping[str, float], duration: float) -> tuple[tuple[str, float], ...]:
-        """Send a set-point; nothing if the line had to be opened again: the arm then meets the next one slowly."""
-        try:
-            return self._send(target, duration)
-        except LinkError as error:
-            self._arm.open_again(error)
-            self._here_at = -math.inf
-            return ()
-        except HexwireError as error:
-            self._pause()
-            raise translated(error) from error
 
     def _is_far(self, goal: dict[str, float]) -> bool:
         here = self._here
@@ -402,7 +409,7 @@ class HexwireRobot(HexwireDevice, Robot):
 
     def _capped(self, goal: dict[str, float]) -> tuple[dict[str, float], frozenset[str]]:
         """The goal, no further from the present position than LeRobot's setting says; and what that changes."""
-        values, most = self._arm.values, self.config.max_relative_target
+        values, most = self._values, self._most
         assert most is not None
         wanted, here = values.named(goal.items()), values.named(self._here.items())
         near = {}

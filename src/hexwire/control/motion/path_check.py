@@ -190,7 +190,7 @@ class PathCheck:
     def _posture(self, fence: Fence, here: Mapping[str, float], goal: Mapping[str, float]) -> None:
         if goal.keys().isdisjoint(self._known):
             return
-        if found := fence.check_end(here, {**here, **goal}):
+        if found := fence.check_end(here, goal if len(goal) == len(here) else {**here, **goal}):
             raise LimitError(f"{'; '.join(found.values())}; nothing was sent")
 
     def trajectory(
