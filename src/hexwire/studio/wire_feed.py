@@ -20,6 +20,8 @@ from .wire_view import SERIES, View, known_series
 
 __all__ = ["WireFeed"]
 
+_KEPT = 6000
+"""Frames that are shown of the line, as many as a page keeps; about 1 kB each."""
 _BACKLOG = 2000
 """Transfers from before somebody looked that are read then."""
 _STEP = 400
@@ -56,7 +58,7 @@ class _LineView(View):
     """The open line; ``read`` is the number of the last transfer that was read."""
 
     def __init__(self, url: str, series: str) -> None:
-        super().__init__("live", url, Traffic(series))
+        super().__init__("live", url, Traffic(series, most=_KEPT))
         self.read = self.skipped = 0
 
 

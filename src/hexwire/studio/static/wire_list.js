@@ -4,7 +4,8 @@
 import { node, put, within } from "./widgets.js";
 
 const ROW = 22; // px, as in wire.css
-const MOST = 10000; // as many as the studio keeps
+const MOST = 10000; // rows of a file
+const MOST_LIVE = 6000; // as many as the studio keeps of the line
 const SPARE = 8; // rows above and below what is visible
 
 // Places in a row, as traffic.py writes it.
@@ -100,8 +101,9 @@ export class FrameList {
       this.rows.push(row);
       if (row[REQUEST]) this.answers.set(row[REQUEST], row[NUMBER]);
     }
-    if (this.rows.length > MOST + 1000) {
-      const gone = this.rows.splice(0, this.rows.length - MOST);
+    const most = this.live ? MOST_LIVE : MOST;
+    if (this.rows.length > most + 1000) {
+      const gone = this.rows.splice(0, this.rows.length - most);
       for (const row of gone) this.answers.delete(row[NUMBER]);
       if (!this.follow) this.element.scrollTop = this.placed = this.element.scrollTop - gone.length * ROW;
     }
