@@ -41,10 +41,10 @@ from .several import SeveralRequests
 
 __all__ = ["Connection", "ConnectionCounters", "Pending", "ReplyStore", "Role"]
 
-_MAX_OPEN = 48
 _NUMBERS = 256
 _FORGOTTEN = tables.REPEAT_WINDOW + 0.5
 """Seconds after its end for which a request that a stop has voided is remembered, and what clocks may differ."""
+_MAX_OPEN = 48
 """Requests without a reply: a board queues 24 and 16 stops, and executes one."""
 _MAX_VOIDED = 1024
 """More requests than a serial line carries in 2 s."""
