@@ -104,7 +104,6 @@ class HexwireRobot(HexwireDevice, Robot):
         # LeRobot's programs look for the joints here (lerobot-find-joint-limits).
         self.bus = SimpleNamespace(motors=self._motors())
         self.clipped = BehindCounter()
-        self._most = config.max_relative_target
         self._rules: Following | None = None
         # Of a robot that has rules.
         self._values: JointValues
@@ -354,7 +353,7 @@ class HexwireRobot(HexwireDevice, Robot):
             self._check_connected()
             self._read()
         capped: frozenset[str] = frozenset()
-        if self._most is not None:
+        if self.config.max_relative_target is not None:
             goal, capped = self._capped(goal)
         period = now - self._sent_at
         if period > _PAUSE:
@@ -409,7 +408,7 @@ class HexwireRobot(HexwireDevice, Robot):
 
     def _capped(self, goal: dict[str, float]) -> tuple[dict[str, float], frozenset[str]]:
         """The goal, no further from the present position than LeRobot's setting says; and what that changes."""
-        values, most = self._values, self._most
+        values, most = self._values, self.config.max_relative_target
         assert most is not None
         wanted, here = values.named(goal.items()), values.named(self._here.items())
         near = {}
