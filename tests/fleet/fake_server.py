@@ -26,7 +26,8 @@ class FakeServer:
         self.cert = ""
         self.connections = 1
         self.asked: list[tuple[str, Any]] = []
-        self.answers: list[m.Answer | bytes] = []
+        # One with the time is made when it is asked for: no server tells a time from before the question.
+        self.answers: list[m.Answer | bytes | Callable[[], m.Answer]] = []
         self.usual: Callable[[], bytes] = lambda: m.encode(m.Answer("", value=17, clock=time.monotonic()))
 
     def open(self) -> FakeServer:
@@ -47,7 +48,9 @@ class FakeServer:
         if not self.answers:
             return self.usual()
         answer = self.answers.pop(0)
-        return answer if isinstance(answer, bytes) else m.encode(answer)
+        if isinstance(answer, bytes):
+            return answer
+        return m.encode(answer if isinstance(answer, m.Answer) else answer())
 
     def orders(self) -> list[m.Envelope]:
         return [message for _, message in self.asked if isinstance(message, m.Envelope)]

@@ -230,7 +230,7 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[RemoteRobot, FakeSer
 
 def test_orders_carry_lease_number_time_and_its_uncertainty(fake: tuple[RemoteRobot, FakeServer]) -> None:
     robot, node = fake
-    node.answers = [m.Answer("", value=99, clock=time.monotonic()), SENT, SENT]
+    node.answers = [lambda: m.Answer("", value=99, clock=time.monotonic()), SENT, SENT]
     before = time.monotonic()
     robot.write(TARGET)
     robot.write(TARGET)
@@ -283,7 +283,7 @@ def test_the_first_order_after_the_restart_of_the_owners_computer_carries_its_ne
     fake: tuple[RemoteRobot, FakeServer],
 ) -> None:
     robot, node = fake
-    node.answers = [m.Answer("", value=99, clock=time.monotonic() - 1000.0), SENT]
+    node.answers = [lambda: m.Answer("", value=99, clock=time.monotonic() - 1000.0), SENT]
     robot.write(TARGET)
     (order,) = node.orders()
     assert abs(order.made - (time.monotonic() - 1000.0)) < 600.0
