@@ -167,7 +167,7 @@ schema: setup
 tests: setup system-packages analyzers $(PROGRAMS)
 	$(BIN)/python -m pytest $(PYTEST_ARGS) $(SELECT) --markdown-docs tests $(wildcard packages README.md docs)
 
-soak: setup system-packages $(PROGRAMS) ## run the tests that `make test` only samples at full length (an hour)
+soak: setup system-packages $(PROGRAMS) ## run the tests that `make test` only samples at full length (two hours)
 	SOAK=1 $(BIN)/python -m pytest $(PYTEST_ARGS) -m soak --timeout 7200 tests packages
 
 lock: $(UV) ## rewrite uv.lock after a change in pyproject.toml

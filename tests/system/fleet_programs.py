@@ -186,9 +186,15 @@ class Scene:
         server.line()
         return server
 
-    def begin(self, *words: str, where: Sequence[str] = (), extra: dict[str, str] | None = None) -> Program:
-        """Start a command of hexwire."""
-        return self._program([*HEXWIRE, *words], where, extra)
+    def begin(
+        self,
+        *words: str,
+        where: Sequence[str] = (),
+        extra: dict[str, str] | None = None,
+        program: Sequence[str] = HEXWIRE,
+    ) -> Program:
+        """Start a command of hexwire, or another program of it."""
+        return self._program([*program, *words], where, extra)
 
     def client(
         self,
