@@ -16,7 +16,7 @@ from hexwire.drivers.puma260 import Puma260Driver
 from hexwire.drivers.registry import connect, make_driver
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.errors import ConfigError, LinkNotFoundError, UsageError
-from hexwire.ipc.conf_link import device_url
+from hexwire.ipc.conf import device_url
 from hexwire.ipc.handle import IpcHandle
 from hexwire.link.open import make_link
 from hexwire.link.tcp import TcpLink

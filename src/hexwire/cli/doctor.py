@@ -93,7 +93,7 @@ def doctor(options: RobotOptions, fix: bool) -> None:
 def _device(port: str) -> str:
     """Path of a serial port; empty for another kind of link."""
     from hexwire.drivers.registry import is_address
-    from hexwire.ipc.conf_link import device_url
+    from hexwire.ipc.conf import device_url
 
     if is_address(port):
         return ""

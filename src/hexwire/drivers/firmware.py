@@ -18,7 +18,7 @@ from pathlib import Path
 
 from hexwire.errors import DeviceError, UsageError
 from hexwire.inputs import parse_json, read_bytes, read_text
-from hexwire.ipc.conf_link import device_url
+from hexwire.ipc.conf import device_url
 from hexwire.link.ports import list_ports
 
 __all__ = [

@@ -110,7 +110,7 @@ class Puma260Driver(SessionDriver, StateReports, ObeysGains):
 
         parts = parse_url(url)
         if parts.scheme == "conf":
-            from hexwire.ipc.conf_link import conf_parts
+            from hexwire.ipc.conf import conf_parts
 
             return cls.from_conf(conf_parts(parts)[0], **options)
 

@@ -1,7 +1,8 @@
 """`ipc_msg.conf`: the modules and the channels between them, as the chapter writes them or as TOML.
 
-Owns the columns of one form, the keys of the other, and the choice between the two. `hexwire.ipc.channel` owns the
-meaning of a channel.
+Owns the columns of one form, the keys of the other, the choice between the two, and the address of a channel in
+such a file: ``conf:///etc/ipc_msg.conf?module=NAME``, or the file's path. `hexwire.ipc.channel` owns the meaning of
+a channel, `hexwire.link` makes the link.
 
 Its format (PROTOCOL.md, the section on `ipc_msg.conf`)::
 
@@ -21,11 +22,12 @@ import json
 import re
 from collections.abc import Iterable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from hexwire.errors import ConfigError
+from hexwire.errors import ConfigError, UsageError
 from hexwire.inputs import Item, read_text
 from hexwire.inputs import parse_toml as parse_tables
-from hexwire.wire.modules import IpcType, module_named
+from hexwire.wire.modules import IpcType, ModuleType, module_name, module_named
 
 from .channel import (
     COLUMNS,
@@ -37,14 +39,23 @@ from .channel import (
     interface_named,
     link_url,
     make_channels,
+    module_by_text,
     rows_of,
 )
+
+if TYPE_CHECKING:
+    from hexwire.link.base import Link
+    from hexwire.link.url import LinkUrl
 
 __all__ = [
     "ChannelConf",
     "ChannelDirection",
+    "channel_of",
+    "conf_parts",
+    "device_url",
     "link_url",
     "load_conf",
+    "make_conf_link",
     "parse_conf",
     "parse_toml",
     "to_conf",
@@ -206,3 +217,74 @@ def to_toml(channels: Iterable[ChannelConf]) -> str:
         lines = [f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in row.items()]
         tables.append("[[channel]]\n" + "".join(lines))
     return "\n".join(tables)
+
+
+def conf_parts(url: LinkUrl, default: ModuleType = ModuleType.ARM_7BOT_SERIAL_TRX) -> tuple[Path, ModuleType]:
+    """The file that an address names, and our module in it.
+
+    Raises:
+        UsageError: The address names no file, or an unknown module.
+    """
+    url.check_keys(("module",))
+    file = f"{url.netloc}{url.path}"
+    if not file:
+        raise UsageError(f"{url.text}: the file is missing, as in conf:///etc/ipc_msg.conf")
+    text = url.query.get("module")
+    if text is None:
+        return Path(file), default
+    module = module_by_text(text)
+    if module is None:
+        raise UsageError(f"{url.text}: unknown module {text!r}")
+    return Path(file), module
+
+
+def channel_of(file: Path, module: ModuleType) -> ChannelConf:
+    """The channel of a module.
+
+    Raises:
+        ConfigError: The file cannot be read, is wrong, or does not name this module.
+    """
+    channels = load_conf(file)
+    for channel in channels:
+        if channel.module == module:
+            return channel
+    named = ", ".join(sorted({module_name(c.module) for c in channels})) or "none"
+    raise ConfigError(f"there is no channel for {module_name(module)}; the file has {named}", file=str(file))
+
+
+def device_url(port: str) -> LinkUrl:
+    """The address of the link itself: of the channel, if `port` names one in a configuration file.
+
+    Raises:
+        UsageError: As `parse_url` and `conf_parts`.
+        ConfigError: As `channel_of`.
+    """
+    from hexwire.link.url import parse_url
+
+    url = parse_url(port)
+    return parse_url(link_url(channel_of(*conf_parts(url)))) if url.scheme == "conf" else url
+
+
+def make_conf_link(url: LinkUrl) -> Link:
+    """Make the link of a channel; for `hexwire.link.open.make_link`.
+
+    A bare link carries bytes both ways: a servo bus, or a board behind a gateway, is asked and answers. A `Session`
+    keeps the direction itself.
+
+    Raises:
+        UsageError: As `conf_parts`.
+        ConfigError: As `channel_of`, or the channel goes one way only.
+    """
+    from hexwire.link.open import build_link
+
+    file, module = conf_parts(url)
+    channel = channel_of(file, module)
+    if not (channel.direction.sends and channel.direction.receives):
+        raise ConfigError(
+            f"{module_name(module)} is {channel.direction.value}, but what is there is asked and answers; "
+            f"write {channel.direction.side}_TRX",
+            file=str(file),
+            line=channel.line,
+            column=1,
+        )
+    return build_link(link_url(channel))

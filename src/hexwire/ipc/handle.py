@@ -80,7 +80,7 @@ class IpcHandle(Openable):
 
         parts = parse_url(url)
         if parts.scheme == "conf":
-            from .conf_link import conf_parts
+            from .conf import conf_parts
 
             file, ours = conf_parts(parts, module)
             handle = cls(ours, file)
@@ -169,8 +169,7 @@ class IpcHandle(Openable):
     def _from_conf(self) -> Link:
         from hexwire.link.open import make_link
 
-        from .channel import link_url
-        from .conf_link import channel_of
+        from .conf import channel_of, link_url
 
         if self._conf_file is None:
             raise UsageError("this handle has neither a link nor a configuration file")
