@@ -9,10 +9,11 @@ from contextlib import contextmanager
 
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
 from hexwire.emulator.serve_tcp import TcpServer
-from hexwire.gateway.service import GatewayService, HostQueue
+from hexwire.gateway.service import GatewayService
 from hexwire.ipc.connections import random_number
 from hexwire.ipc.session import Session
 from hexwire.link.listener import Listener
+from hexwire.link.mqueue import QueueLink
 from hexwire.link.open import make_link
 
 LONG = 30.0
@@ -106,7 +107,7 @@ def tcp_boards(count: int) -> Iterator[TcpBoards]:
 class Running:
     """A gateway in a thread, with the boards."""
 
-    def __init__(self, boards: TcpBoards, queues: Sequence[HostQueue] = ()) -> None:
+    def __init__(self, boards: TcpBoards, queues: Sequence[QueueLink] = ()) -> None:
         self.boards = boards
         links = {number: make_link(url) for number, url in enumerate(boards.urls, ARDUINO)}
         self.service = GatewayService(Listener(), links, local=ARDUINO, queues=queues, numbers=random_number)

@@ -24,7 +24,6 @@ from .output import Column, RowType, answer, say, say_document, wants_json
 
 if TYPE_CHECKING:
     from hexwire.control.loop.power import Torques
-    from hexwire.gateway.service import HostQueue
     from hexwire.ipc.channel import ChannelConf
     from hexwire.ipc.session import Session
     from hexwire.link.base import Link
@@ -426,7 +425,7 @@ def _is_queue(door: str) -> bool:
     return door.lower().startswith("mq:")
 
 
-def _queues(doors: tuple[str, ...], port: str | None, hosts: int) -> list[HostQueue]:
+def _queues(doors: tuple[str, ...], port: str | None, hosts: int) -> list[QueueLink]:
     """The servers' ends of the queues among the addresses, which have one port at most.
 
     Args:

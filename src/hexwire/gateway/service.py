@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from hexwire.errors import HexwireError, LinkError, LinkTimeoutError, UsageError
 from hexwire.link.base import Link, LinkKind
@@ -27,7 +27,10 @@ from .host import Host, QueueHost
 from .line import BoardLine
 from .router import Gateway
 
-__all__ = ["GatewayService", "HostQueue"]
+if TYPE_CHECKING:
+    from hexwire.link.mqueue import QueueLink
+
+__all__ = ["GatewayService"]
 
 _log = logging.getLogger(__name__)
 
@@ -49,41 +52,9 @@ _MOST_MESSAGES = 256
 """Messages of a queue that are read in one round: who goes on sending holds up no other."""
 
 
-class HostQueue(Protocol):
-    """The server's end of a queue, of which a host has the other.
-
-    Attributes:
-        url: Its address.
-        max_message: Bytes that a message may have.
-        further: It is a further line of another one, for one more host.
-    """
-
-    url: str
-    max_message: int | None
-    further: bool
-
-    def open(self) -> None:
-        """Open it."""
-
-    def close(self) -> None:
-        """Close it."""
-
-    def fileno(self) -> int:
-        """Readable when there is a message."""
-
-    def read(self, deadline: float | None) -> bytes:
-        """Read one message; empty if there is none."""
-
-    def write(self, data: bytes, deadline: float | None = None) -> None:
-        """Write one message."""
-
-    def other_end(self) -> str:
-        """Who has the other end; empty if nobody."""
-
-
 @dataclass(slots=True)
 class _Queue:
-    link: HostQueue
+    link: QueueLink
     host: QueueHost
     owner: str = ""
     look_at: float = 0.0
@@ -129,7 +100,7 @@ class GatewayService:
         *,
         local: int,
         before_open: Callable[[Link], object] = lambda link: None,
-        queues: Sequence[HostQueue] = (),
+        queues: Sequence[QueueLink] = (),
         numbers: Numbers = lambda: 0,
     ) -> None:
         self._listener = listener
@@ -398,7 +369,7 @@ class GatewayService:
             self._waker.set()
 
 
-def _address(queue: HostQueue) -> str:
+def _address(queue: QueueLink) -> str:
     """The address of a queue for hosts."""
     return queue.url.partition("?")[0]
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import threading
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from hexwire.errors import HexwireError, LinkError, ReplyTimeoutError, UsageError
 from hexwire.session.connection import Connection
@@ -23,6 +23,7 @@ from hexwire.wire.command_frame import Command, Status, status_name
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from hexwire.link.serial_port import SerialPortLink
     from hexwire.session.events import Reply
     from hexwire.wire.commands import Identity
 
@@ -43,18 +44,6 @@ _KEEP = 0.5
 _BACK = tables.HOST_BAUD_TRIAL + tables.HOST_BAUD_SILENCE + 0.5
 """Seconds in which a board is back at its own rate, whatever it heard last."""
 _RAISED_TRIES = 2
-
-
-class _Port(Protocol):
-    """A link to a serial port."""
-
-    url: str
-    baud: int
-    raise_to: int
-
-    def set_rate(self, baud: int) -> None: ...
-    def read(self, deadline: float | None) -> bytes: ...
-    def flush_input(self) -> int: ...
 
 
 def raise_line(
@@ -100,11 +89,11 @@ class RaisedLine:
 
     def __init__(
         self,
-        port: Any,
+        port: SerialPortLink,
         ask: Callable[[int, bytes, float | None], int],
         now: Callable[[], float],
     ) -> None:
-        self._port: _Port = port
+        self._port = port
         self._ask, self._now = ask, now
         self.own, self.wanted = self._port.baud, self._port.raise_to
         self.is_raised = False
