@@ -17,7 +17,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
-from typing import IO, TYPE_CHECKING, Protocol
+from typing import IO, TYPE_CHECKING
 
 import click
 
@@ -35,9 +35,9 @@ if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
     from hexwire.model.state import JointState
 
-    from .draw import CycleSample
+    from .draw import CycleSample, LiveView
 
-__all__ = ["DemoView", "PlainView", "board_process", "demo", "in_degrees", "turning_pose"]
+__all__ = ["PlainView", "board_process", "demo", "in_degrees", "turning_pose"]
 
 _START_TIMEOUT = 30.0
 _END_TIMEOUT = 5.0
@@ -113,19 +113,6 @@ def _end(process: subprocess.Popen[bytes]) -> None:
                 last_resort()
 
 
-class DemoView(Protocol):
-    """Shows the progress of the demo."""
-
-    def say(self, phase: str, text: str) -> None:
-        """Show the result of a phase."""
-
-    def moving(self) -> AbstractContextManager[object]:
-        """A context for the time in which the arm moves."""
-
-    def show(self, sample: CycleSample) -> None:
-        """Show a cycle."""
-
-
 class PlainView:
     """Prints plain lines for a log: one per phase, and one per second while the arm moves."""
 
@@ -133,12 +120,15 @@ class PlainView:
         self._next = 0.0
 
     def say(self, phase: str, text: str) -> None:
+        """Show the result of a phase."""
         say(f"{phase}: {text}", flush=True)
 
     def moving(self) -> AbstractContextManager[object]:
+        """A context for the time in which the arm moves."""
         return nullcontext()
 
     def show(self, sample: CycleSample) -> None:
+        """Show a cycle."""
         if sample.time < self._next:
             return
         self._next = math.floor(sample.time) + 1.0
@@ -195,7 +185,7 @@ def demo(
     if port is None and yes_move_the_arm:
         # A variable that is always set must not make every demo move the real arm.
         port = os.environ.get("HEXWIRE_PORT") or None
-    view: DemoView = PlainView()
+    view: PlainView | LiveView = PlainView()
     if on_terminal():
         from .draw import LiveView
 
@@ -230,7 +220,7 @@ def turning_pose(model: ArmModel, start: tuple[float, ...]) -> tuple[float, ...]
     return tuple(goal)
 
 
-def _run(url: str, dialect: int | None, duration: float, rate: float | None, view: DemoView) -> None:
+def _run(url: str, dialect: int | None, duration: float, rate: float | None, view: PlainView | LiveView) -> None:
     from hexwire.control.loop.reader import raise_if_silent, read_known
     from hexwire.drivers.hex7bot import Hex7BotDriver
 
@@ -259,7 +249,7 @@ def _move(
     goal: tuple[float, ...],
     duration: float,
     rate: float,
-    view: DemoView,
+    view: PlainView | LiveView,
 ) -> str:
     """Torque on, there and back, torque off; returns the summary.
 
@@ -348,7 +338,7 @@ def _counters(robot: Hex7BotDriver) -> dict[str, int]:
 
 
 @contextmanager
-def _torque(robot: Hex7BotDriver, view: DemoView) -> Iterator[None]:
+def _torque(robot: Hex7BotDriver, view: PlainView | LiveView) -> Iterator[None]:
     """Switch torque on, and off at the end, even after an error.
 
     Raises:
