@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from tests.motion.arms import HOME, rest_to_rest
+from tests.recorded import make_positions
 
 from hexwire.arm.plans import Plans, is_number, joint_angles, length
 from hexwire.control.motion.via import Place
@@ -18,7 +19,7 @@ from hexwire.model.aim import Aim
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.geometry import kinematics_for
 from hexwire.motion.teach import Edits, Taught
-from hexwire.trace.recording import RecordingWriter, make_positions
+from hexwire.trace.recording import RecordingWriter
 
 GEOMETRY = kinematics_for(HEX7BOT)
 assert GEOMETRY is not None

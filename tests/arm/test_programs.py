@@ -13,11 +13,12 @@ from pathlib import Path
 
 import pytest
 from tests.arm.arms import connected, marked
+from tests.recorded import make_positions
 from tests.waits import PATIENCE, eventually
 
 from hexwire import Arm, deg
 from hexwire.errors import ConfigError, HexwireError, LimitError, StoppedError, UsageError
-from hexwire.trace.recording import RecordingWriter, make_positions
+from hexwire.trace.recording import RecordingWriter
 
 
 @pytest.fixture(scope="module", params=marked(("board", "bus", "shared board", "timed board")))

@@ -6,12 +6,13 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
+from tests.recorded import make_positions
 
 from hexwire.arm import recorded
 from hexwire.arm.handle import told
 from hexwire.arm.recorded import read_taught
 from hexwire.errors import UsageError
-from hexwire.trace.recording import RecordingWriter, make_positions, topic_of
+from hexwire.trace.recording import RecordingWriter, topic_of
 
 
 def write(file: Path, rows: Iterable[tuple[tuple[str, ...], str]]) -> str:

@@ -7,10 +7,11 @@ import time
 from pathlib import Path
 
 from tests.frames import frame_bytes
+from tests.recorded import make_positions
 
 from hexwire.link.tap import Direction, Passed
 from hexwire.trace.capture import Capture
-from hexwire.trace.recording import RecordingWriter, make_positions
+from hexwire.trace.recording import RecordingWriter
 from hexwire.wire.command_frame import Command
 
 SECONDS = 5

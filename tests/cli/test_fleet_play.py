@@ -10,6 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 from tests.fleet.conftest import Serve, runtime, serve  # noqa: F401  # fixtures
 from tests.link.far_ends import free_port
+from tests.recorded import make_positions
 from tests.system.programs import hexwire_program
 from tests.waits import eventually
 
@@ -17,7 +18,7 @@ from hexwire.cli.fleet import _tell
 from hexwire.cli.main import cli
 from hexwire.drivers import registry
 from hexwire.fleet import player
-from hexwire.trace.recording import RecordingWriter, make_positions, topic_of
+from hexwire.trace.recording import RecordingWriter, topic_of
 
 # ruff: noqa: F811  # fixtures that are imported
 

@@ -11,9 +11,10 @@ import pytest
 from click.testing import CliRunner, Result
 from tests.cli.bus_cli import BusCli
 from tests.cli.test_options import ALL, options_of
+from tests.recorded import make_positions
 
 from hexwire.cli.main import cli
-from hexwire.trace.recording import RecordingWriter, make_positions
+from hexwire.trace.recording import RecordingWriter
 
 ON_AN_ARM: dict[str, tuple[str, ...]] = {
     "state": (),

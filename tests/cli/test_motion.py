@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from click.testing import Result
 from tests.motion.arms import HOME, state
+from tests.recorded import make_positions
 
 from hexwire.drivers.arm_file import load_profile
 from hexwire.drivers.hex7bot import Hex7BotDriver
@@ -20,7 +21,7 @@ from hexwire.model.arms.so_arm.kinematics import SoArmModel
 from hexwire.model.arms.so_arm.links import SO_ARMS
 from hexwire.model.calibration import Calibration, JointCalibration
 from hexwire.model.state import JointFlag, JointState
-from hexwire.trace.recording import RecordingWriter, make_positions, read_joint_states
+from hexwire.trace.recording import RecordingWriter, read_joint_states
 
 A = Hex7BotModel()
 

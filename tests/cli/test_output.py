@@ -12,6 +12,7 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.recorded import make_positions
 
 from hexwire.cli import output
 from hexwire.cli.main import cli
@@ -19,7 +20,7 @@ from hexwire.cli.output import format_table, plain, print_json, say, say_documen
 from hexwire.control.requests.setting import Setting
 from hexwire.link import ports
 from hexwire.link.ports import PortInfo
-from hexwire.trace.recording import RecordingWriter, make_positions
+from hexwire.trace.recording import RecordingWriter
 
 EVIL = "J\x1b]0;owned\x07\x1b[2J\u202e\x9b31m\x7f\n\rerror: x"
 SHOWN = r"J\x1b]0;owned\x07\x1b[2J\u202e\x9b31m\x7f\n\rerror: x"

@@ -13,11 +13,12 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 from tests.analyzers.lines import assembled
+from tests.recorded import make_positions
 
 from hexwire.cli.demo import board_process
 from hexwire.cli.main import cli
 from hexwire.trace.capture import BYTES, FRAMES
-from hexwire.trace.recording import JOINT_STATES, RecordingWriter, make_positions
+from hexwire.trace.recording import JOINT_STATES, RecordingWriter
 
 NO_PORT = "no serial port on this machine; 'hexwire sim board' creates one with an emulated board\n"
 

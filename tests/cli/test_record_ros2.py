@@ -8,10 +8,11 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
+from tests.recorded import make_positions
 
 from hexwire.cli.demo import board_process
 from hexwire.cli.main import cli
-from hexwire.trace.recording import RecordingWriter, make_positions
+from hexwire.trace.recording import RecordingWriter
 
 NOW = 1_700_000_000.0
 

@@ -8,11 +8,12 @@ from typing import Any
 
 import pytest
 from click.testing import CliRunner
+from tests.recorded import make_positions
 
 import hexwire.cli
 from hexwire import Arm
 from hexwire.cli.main import COMMANDS, SPELLED, cli
-from hexwire.trace.recording import RecordingWriter, make_positions
+from hexwire.trace.recording import RecordingWriter
 
 TYPED: dict[str, tuple[str, str]] = {
     "read": ("state", ""),

@@ -10,9 +10,10 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 from tests.cli.bus_cli import BusCli
+from tests.recorded import make_positions
 
 from hexwire.cli.main import cli
-from hexwire.trace.recording import RecordingWriter, make_positions
+from hexwire.trace.recording import RecordingWriter
 
 CONF = "JOY_STICK CLIENT_TX ROS1_HOST UDP 127.0.0.1 15040\n"
 

@@ -8,12 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from tests.recorded import make_positions
 
 from hexwire.errors import UsageError
 from hexwire.fleet import player
 from hexwire.fleet.player import assign, read_motions
 from hexwire.inputs import LARGEST_TEXT
-from hexwire.trace.recording import RecordingWriter, make_positions, topic_of
+from hexwire.trace.recording import RecordingWriter, topic_of
 
 BEGIN = 1.7e9
 

@@ -16,6 +16,7 @@ import pytest
 from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.recorded import make_positions
 
 from hexwire.bus.backup import ServoBackup, load_backup, serialize_backups
 from hexwire.cli.main import cli
@@ -30,7 +31,7 @@ from hexwire.model.calibration import Calibration, JointCalibration
 from hexwire.model.geometry import make_kinematics
 from hexwire.motion.waypoint_file import parse_waypoints
 from hexwire.trace.explain import Explainer
-from hexwire.trace.recording import RecordingWriter, make_positions, read_joint_states
+from hexwire.trace.recording import RecordingWriter, read_joint_states
 from hexwire.trace.sources import LARGEST, read_traffic
 
 

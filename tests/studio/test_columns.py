@@ -6,9 +6,10 @@ from array import array
 from dataclasses import replace
 from typing import Any
 
+from tests.recorded import make_positions
+
 from hexwire.control.requests.history import BLOCK, History
 from hexwire.studio.columns import history_columns, serialize_columns, series_columns
-from hexwire.trace.recording import make_positions
 from hexwire.trace.series import PlotSeries
 
 

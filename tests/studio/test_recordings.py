@@ -7,10 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.recorded import make_positions
 
 from hexwire.errors import HexwireError, UsageError
 from hexwire.studio.recordings import Recordings
-from hexwire.trace.recording import RecordingWriter, make_positions
+from hexwire.trace.recording import RecordingWriter
 
 
 def record(folder: Path, name: str, lag: float = 0.0, joints: tuple[str, ...] = ("J1", "J2")) -> str:

@@ -11,12 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from tests.analyzers.lines import readings_table
+from tests.recorded import make_positions
 
 from hexwire.errors import HexwireError, UsageError
 from hexwire.link.tap import Direction, Passed
 from hexwire.trace.capture import BYTES, FRAMES, Capture, CapturedMessage, read_messages, recover, traffic_of
 from hexwire.trace.mcap_file import MAGIC
-from hexwire.trace.recording import JOINT_STATES, make_positions, read_joint_states
+from hexwire.trace.recording import JOINT_STATES, read_joint_states
 from hexwire.trace.sources import read_traffic
 
 ROW = readings_table()[0]

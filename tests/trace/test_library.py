@@ -7,10 +7,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.recorded import make_positions
 
 from hexwire.errors import ConfigError, UsageError
 from hexwire.trace.library import Library, recordings_folder
-from hexwire.trace.recording import RecordingWriter, make_positions
+from hexwire.trace.recording import RecordingWriter
 
 
 def _record(path: Path, states: int = 100, robot: str = "") -> bytes:

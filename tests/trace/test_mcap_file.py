@@ -14,10 +14,11 @@ from pathlib import Path
 import lz4.frame
 import pytest
 import zstandard
+from tests.recorded import make_positions
 
 from hexwire.errors import UsageError
 from hexwire.trace.mcap_file import MAGIC, load_mcap, read_records
-from hexwire.trace.recording import RecordingWriter, make_positions
+from hexwire.trace.recording import RecordingWriter
 
 MEGABYTE = 1 << 20
 

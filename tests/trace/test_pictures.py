@@ -6,11 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.recorded import make_positions
 
 from hexwire.errors import ConfigError, UsageError
 from hexwire.trace.foxglove import compressed_image
 from hexwire.trace.pictures import RecordedPictures
-from hexwire.trace.recording import RecordingWriter, make_positions
+from hexwire.trace.recording import RecordingWriter
 
 SECOND = 1_000_000_000
 

@@ -10,10 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from tests.motion.arms import HOME, NAMES, state
+from tests.recorded import make_positions
 
 from hexwire.errors import ConfigError, UsageError
 from hexwire.model.state import JointFlag
-from hexwire.trace.recording import JOINT_STATES, RecordingWriter, make_positions, read_joint_states
+from hexwire.trace.recording import JOINT_STATES, RecordingWriter, read_joint_states
 
 
 def write(path: Path, n: int = 5) -> None:

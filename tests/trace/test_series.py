@@ -6,9 +6,10 @@ import math
 from pathlib import Path
 
 import pytest
+from tests.recorded import make_positions
 
 from hexwire.errors import ConfigError, UsageError
-from hexwire.trace.recording import RecordingWriter, make_positions, read_joint_states
+from hexwire.trace.recording import RecordingWriter, read_joint_states
 from hexwire.trace.series import PlotSeries, TimedFile, read_series, write_csv, write_mcap
 
 COLUMNS = [("J1", "position"), ("J1", "goal"), ("J2", "position"), ("J2", "goal"), ("", "rate")]

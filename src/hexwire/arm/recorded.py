@@ -9,8 +9,9 @@ import time
 from pathlib import Path
 
 from hexwire.errors import UsageError
+from hexwire.model.state import JointState
 from hexwire.motion.teach import Taught
-from hexwire.trace.recording import RecordingWriter, make_positions, read_joint_states, topic_of
+from hexwire.trace.recording import RecordingWriter, read_joint_states, topic_of
 
 __all__ = ["read_taught", "write_taught"]
 
@@ -69,5 +70,6 @@ def write_taught(taught: Taught, file: str | Path, *, force: bool = False) -> in
     begin = time.time()
     with RecordingWriter(file, force=force) as recording:
         for t, row in zip(taught.times, taught.rows, strict=True):
-            recording.joint_state(make_positions(taught.names, row), begin + t)
+            positions = dict(zip(taught.names, row, strict=True))
+            recording.joint_state(JointState.of(positions, stamp=0.0, torque=False), begin + t)
     return recording.count

@@ -7,9 +7,8 @@ Needs the package ``mcap``, imported on first use.
 from __future__ import annotations
 
 import json
-import math
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -41,7 +40,6 @@ __all__ = [
     "check_recording_name",
     "is_joint_state",
     "joint_states_in",
-    "make_positions",
     "parse_joints",
     "read_joint_states",
     "several_arms",
@@ -183,24 +181,6 @@ def check_recording_name(file: str | Path) -> None:
 def wall_time(state: JointState) -> float:
     """The time of a state of this computer, which its clock has stamped, as seconds of the time of day."""
     return time.time() - (time.monotonic() - state.stamp)
-
-
-def make_positions(names: Sequence[str], position: Sequence[float]) -> JointState:
-    """A joint state with positions only, in radians, for generated recordings."""
-    nan = (math.nan,) * len(names)
-    flags, age = (0,) * len(names), (0.0,) * len(names)
-    return JointState(
-        names=tuple(names),
-        position=tuple(position),
-        velocity=nan,
-        load=nan,
-        current=nan,
-        voltage=nan,
-        temperature=nan,
-        flags=flags,
-        age=age,
-        stamp=0.0,
-    )
 
 
 def read_joint_states(
@@ -353,5 +333,5 @@ def _numbers(joint: dict[str, Item]) -> dict[str, float]:
     return {
         key: float(value)
         for key, value in values.items()
-        if isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        if isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
     }

@@ -207,27 +207,24 @@ def write_mcap(
     """
     names = tuple(dict.fromkeys(joint for joint, _ in columns if joint))
     places = {column: i for i, column in enumerate(columns)}
-    unknown = (math.nan,) * len(names)
-    none = (0,) * len(names)
 
-    def row_of(values: Sequence[float], quantity: str) -> tuple[float, ...]:
+    def row_of(values: Sequence[float], quantity: str) -> tuple[float, ...] | None:
         found = [places.get((name, quantity)) for name in names]
-        return unknown if None in found else tuple(values[i] for i in found if i is not None)
+        return None if None in found else tuple(values[i] for i in found if i is not None)
 
     with RecordingWriter(path) as recording:
         for at, values in rows:
-            state = JointState(
-                names=names,
-                position=row_of(values, "position"),
+            positions, goals = (row_of(values, key) or (math.nan,) * len(names) for key in ("position", "goal"))
+            state = JointState.of(
+                dict(zip(names, positions, strict=True)),
+                stamp=at,
+                torque=False,
                 velocity=row_of(values, "velocity"),
                 load=row_of(values, "load"),
                 current=row_of(values, "current"),
                 voltage=row_of(values, "voltage"),
                 temperature=row_of(values, "temperature"),
-                flags=none,
-                age=(0.0,) * len(names),
-                stamp=at,
             )
-            goals = dict(zip(names, row_of(values, "goal"), strict=True))
-            recording.joint_state(state, at + offset, goals=goals, extra={"robot": robot} if robot else None)
+            wanted = dict(zip(names, goals, strict=True))
+            recording.joint_state(state, at + offset, goals=wanted, extra={"robot": robot} if robot else None)
         return recording.count
