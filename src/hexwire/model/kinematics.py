@@ -212,17 +212,22 @@ class KinematicModel(ABC):
         """
         return {}
 
-    @abstractmethod
     def from_joints(self, positions: Mapping[str, float]) -> tuple[float, ...]:
         """The model's angles for the driver's joint positions, radians.
 
         Raises:
             UsageError: A joint is missing.
         """
+        try:
+            return tuple([positions[limit.name] for limit in self.ranges])
+        except KeyError:
+            missing = [limit.name for limit in self.ranges if limit.name not in positions]
+            raise UsageError(f"the position of {', '.join(missing)} is missing") from None
 
-    @abstractmethod
     def to_joints(self, angles: Sequence[float]) -> dict[str, float]:
         """The driver's joint positions for the model's angles, radians."""
+        self._finite(angles)
+        return {limit.name: angle for limit, angle in zip(self.ranges, angles, strict=True)}
 
     @property
     def joint_names(self) -> tuple[str, ...]:

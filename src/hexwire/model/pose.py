@@ -19,7 +19,6 @@ __all__ = [
     "apply",
     "column",
     "cross",
-    "distance",
     "multiply",
     "quaternion",
     "rotation_about",
@@ -29,6 +28,7 @@ __all__ = [
     "rotation_x",
     "rotation_y",
     "rotation_z",
+    "shifted",
     "slerp",
     "transpose",
 ]
@@ -120,9 +120,13 @@ def cross(a: Sequence[float], b: Sequence[float]) -> Vector:
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
-def distance(a: Sequence[float], b: Sequence[float]) -> float:
-    """Distance of two points, in their unit."""
-    return math.dist(a, b)
+def shifted(place: Sequence[float], direction: Sequence[float], length: float) -> Vector:
+    """The place so many times a vector further."""
+    return (
+        place[0] + length * direction[0],
+        place[1] + length * direction[1],
+        place[2] + length * direction[2],
+    )
 
 
 def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> Matrix:

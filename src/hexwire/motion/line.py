@@ -16,7 +16,7 @@ from itertools import pairwise
 
 from hexwire.errors import LimitError, UsageError
 from hexwire.model.kinematics import KinematicModel
-from hexwire.model.pose import Pose, distance, multiply, rotation_between, slerp, transpose
+from hexwire.model.pose import Pose, multiply, rotation_between, slerp, transpose
 from hexwire.units import decimal
 
 from .speed_profile import JointLimits, change_time
@@ -313,7 +313,7 @@ class _Law:
 
 def _size(a: Pose, b: Pose) -> tuple[float, float]:
     """Metres and radians between two poses."""
-    return distance(a.position, b.position), rotation_between(a.rotation, b.rotation)[1]
+    return math.dist(a.position, b.position), rotation_between(a.rotation, b.rotation)[1]
 
 
 def _law(a: Pose, b: Pose, speed: float, acceleration: float, turn_speed: float) -> _Law:

@@ -42,6 +42,7 @@ from hexwire.model.pose import (
     rotation_x,
     rotation_y,
     rotation_z,
+    shifted,
     transpose,
 )
 from hexwire.units import decimal
@@ -125,11 +126,11 @@ class Hex7BotModel(KinematicModel):
     def forward(self, angles: Sequence[float]) -> Pose:
         self._finite(angles)
         rotation = self.rotation(angles)
-        return Pose(_plus(self.wrist(angles), column(rotation, 2), self.links.f), rotation)
+        return Pose(shifted(self.wrist(angles), column(rotation, 2), self.links.f), rotation)
 
     def side(self, pose: Pose) -> Vector:
         """The side point of the tool, which shows its turn about its own axis, metres."""
-        return _plus(pose.position, column(pose.rotation, 0), -self.links.g)
+        return shifted(pose.position, column(pose.rotation, 0), -self.links.g)
 
     def forward_many(self, angles: Sequence[Sequence[float]]) -> tuple[Any, Any]:
         return hex7bot_forward_many(self, self.links, angles)
@@ -159,7 +160,7 @@ class Hex7BotModel(KinematicModel):
         return hex7bot_inverse_many(self, self.links, positions, rotations)
 
     def _wrist_of(self, pose: Pose) -> Vector:
-        return _plus(pose.position, column(pose.rotation, 2), -self.links.f)
+        return shifted(pose.position, column(pose.rotation, 2), -self.links.f)
 
     def _arm_branches(self, wrist: Vector) -> list[tuple[tuple[float, float, float], str]]:
         k = self.links
@@ -296,7 +297,7 @@ class Hex7BotModel(KinematicModel):
         first = self.rotation(angles)
         turned = first
         for _ in range(30):
-            wrist = _plus(position, column(turned, 2), -self.links.f)
+            wrist = shifted(position, column(turned, 2), -self.links.f)
             turned = multiply(rotation_z(math.atan2(wrist[1], wrist[0]) - angles[0]), first)
         return turned
 
@@ -316,7 +317,7 @@ class Hex7BotModel(KinematicModel):
         ahead: Vector = (math.cos(t0), math.sin(t0), 0.0)
         tip = self.forward(angles).position
         wrist = self.wrist(angles)
-        tool = _minus(tip, wrist)
+        tool = shifted(tip, wrist, -1.0)
         to_forearm = multiply(rotation_z(t0), rotation_y(p))
         rolled = multiply(to_forearm, rotation_x(_NEUTRAL - t3))
         pitch_axis = column(to_forearm, 1)
@@ -333,7 +334,7 @@ class Hex7BotModel(KinematicModel):
         moves = [
             cross(axes[0], tip),
             upper,
-            cross(pitch_axis, _minus(tip, self.elbow(angles))),
+            cross(pitch_axis, shifted(tip, self.elbow(angles), -1.0)),
             cross(axes[3], tool),
             cross(axes[4], tool),
             cross(axes[5], tool),
@@ -352,18 +353,6 @@ class Hex7BotModel(KinematicModel):
             {"base axis": min(1.0, from_axis / k.reach[1]), "elbow": bend, "wrist": wrist_bend},
             from_axis * k.a * k.forearm * bend * wrist_bend,
         )
-
-
-def _plus(place: Vector, direction: Vector, length: float) -> Vector:
-    return (
-        place[0] + length * direction[0],
-        place[1] + length * direction[1],
-        place[2] + length * direction[2],
-    )
-
-
-def _minus(a: Vector, b: Vector) -> Vector:
-    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
 def _times(v: Vector, k: float) -> Vector:

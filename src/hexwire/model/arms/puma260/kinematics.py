@@ -35,6 +35,7 @@ from hexwire.model.pose import (
     rotation_x,
     rotation_y,
     rotation_z,
+    shifted,
     transpose,
 )
 
@@ -126,7 +127,7 @@ class Puma260Model(KinematicModel):
         self._finite(angles)
         q1, q2, q3, q4, q5, q6 = angles
         rotation = multiply(rotation_z(q1), rotation_y(q2 + q3), rotation_z(q4), rotation_y(q5), rotation_x(q6))
-        return Pose(_plus(self.wrist(angles), column(rotation, 0), FLANGE), rotation)
+        return Pose(shifted(self.wrist(angles), column(rotation, 0), FLANGE), rotation)
 
     def forward_many(self, angles: Sequence[Sequence[float]]) -> tuple[Any, Any]:
         return puma260_forward_many(self, angles)
@@ -146,7 +147,7 @@ class Puma260Model(KinematicModel):
         return puma260_inverse_many(self, positions, rotations)
 
     def _wrist_of(self, pose: Pose) -> Vector:
-        return _plus(pose.position, column(pose.rotation, 0), -FLANGE)
+        return shifted(pose.position, column(pose.rotation, 0), -FLANGE)
 
     def _arm_branches(self, wrist: Vector) -> list[tuple[tuple[float, float, float], str]]:
         x, y, z = wrist
@@ -221,20 +222,10 @@ class Puma260Model(KinematicModel):
         wrist = self.wrist(angles)
         forearm = column(multiply(rotation_z(angles[0]), rotation_y(angles[1] + angles[2])), 2)
         return {
-            "elbow": _plus(wrist, forearm, FOREARM),
+            "elbow": shifted(wrist, forearm, FOREARM),
             "wrist": wrist,
             "tool": self.forward(angles).position,
         }
-
-    def from_joints(self, positions: Mapping[str, float]) -> tuple[float, ...]:
-        missing = [name for name in PUMA260.names if name not in positions]
-        if missing:
-            raise UsageError(f"the position of {', '.join(missing)} is missing")
-        return tuple(positions[name] for name in PUMA260.names)
-
-    def to_joints(self, angles: Sequence[float]) -> dict[str, float]:
-        self._finite(angles)
-        return dict(zip(PUMA260.names, angles, strict=True))
 
     def tool_down(self, position: Vector, angles: Sequence[float]) -> Matrix:
         # The tool is the x axis; its turn about the vertical is that of the base.
@@ -256,9 +247,9 @@ class Puma260Model(KinematicModel):
             column(multiply(turned, rotation_y(q5)), 0),
         ]
         wrist = self.wrist(angles)
-        elbow = _plus(wrist, column(pitched, 2), FOREARM)
+        elbow = shifted(wrist, column(pitched, 2), FOREARM)
         pivots: list[Vector] = [(0.0, 0.0, 0.0), (0.0, 0.0, SHOULDER), elbow, wrist, wrist, wrist]
-        moves = [cross(axis, _plus(pose.position, pivot, -1.0)) for axis, pivot in zip(axes, pivots, strict=True)]
+        moves = [cross(axis, shifted(pose.position, pivot, -1.0)) for axis, pivot in zip(axes, pivots, strict=True)]
         return tuple(tuple(v[i] for v in part) for part in (moves, axes) for i in range(3))
 
     def singularity(self, angles: Sequence[float]) -> Singularity:
@@ -273,11 +264,3 @@ class Puma260Model(KinematicModel):
             {"shoulder": min(1.0, abs(ahead) / (upper + FOREARM)), "elbow": bend, "wrist": wrist_bend},
             abs(ahead) * upper * FOREARM * bend * wrist_bend,
         )
-
-
-def _plus(place: Sequence[float], direction: Sequence[float], length: float) -> Vector:
-    return (
-        place[0] + length * direction[0],
-        place[1] + length * direction[1],
-        place[2] + length * direction[2],
-    )

@@ -279,17 +279,6 @@ class SoArmModel(KinematicModel):
         most = (0.0, forearm + math.hypot(*k.upper), forearm, hand, math.hypot(*aside))
         return {r.name: lever for r, lever in zip(self.ranges, most, strict=True)}
 
-    def from_joints(self, positions: Mapping[str, float]) -> tuple[float, ...]:
-        try:
-            return tuple([positions[r.name] for r in self.ranges])
-        except KeyError:
-            missing = [r.name for r in self.ranges if r.name not in positions]
-            raise UsageError(f"the position of {', '.join(missing)} is missing") from None
-
-    def to_joints(self, angles: Sequence[float]) -> dict[str, float]:
-        self._finite(angles)
-        return {r.name: angle for r, angle in zip(self.ranges, angles, strict=True)}
-
     def aimed(self, position: Vector, pitch: float, roll: float, angles: Sequence[float]) -> Matrix:
         # The arm keeps facing as it does now.
         ahead = math.copysign(1.0, self._tip(angles)[0])
