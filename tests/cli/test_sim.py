@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -22,13 +23,17 @@ def made(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         asked.update(options, device=real())
         return asked["device"]
 
-    def serve_board(device: object, **options: Any) -> None:
-        assert device is asked["device"]
-        asked.update(serve=options)
-        options["announce"]("/dev/pts/77")
+    class Server:
+        def __init__(self, device: object, **options: Any) -> None:
+            assert device is asked["device"]
+            asked.update(serve=options)
+
+        def serve(self, stop: Callable[[], bool], announce: Callable[[str], None]) -> None:
+            asked["serve"]["stop"] = stop
+            announce("/dev/pts/77")
 
     monkeypatch.setattr(emulator_board, "make_hex7bot_board", make)
-    monkeypatch.setattr(serve_pty, "serve_board", serve_board)
+    monkeypatch.setattr(serve_pty, "PtyServer", Server)
     return asked
 
 
@@ -56,15 +61,15 @@ def test_an_unpaced_line_has_an_unpaced_bus(made: dict[str, Any], baud: str, bus
     assert made["baud"] == bus
 
 
-def test_it_ends_with_its_input_if_asked(made: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_ends_with_its_input_if_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     ended = []
 
-    def serve_board(device: object, **options: Any) -> None:
-        while not options["stop"]():
+    def serve(server: object, stop: Callable[[], bool], announce: object) -> None:
+        while not stop():
             pass
         ended.append(True)
 
-    monkeypatch.setattr(serve_pty, "serve_board", serve_board)
+    monkeypatch.setattr(serve_pty.PtyServer, "serve", serve)
     monkeypatch.setattr(os, "read", lambda fd, size: b"")
     assert CliRunner().invoke(cli, ["sim", "board", "--until-eof"]).exit_code == 0
     assert ended == [True]

@@ -19,9 +19,15 @@ def run(*words: str) -> Result:
 @pytest.mark.parametrize("device", DEVICES)
 def test_a_port_without_a_terminal(device: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     served: list[tuple[str, int]] = []
-    monkeypatch.setattr(
-        "hexwire.emulator.serve_tcp.serve_tcp", lambda device, host, port, **_: served.append((host, port))
-    )
+
+    class Server:
+        def __init__(self, device: object, host: str, port: int, **_: object) -> None:
+            served.append((host, port))
+
+        def serve(self, stop: object, announce: object) -> None:
+            pass
+
+    monkeypatch.setattr("hexwire.emulator.serve_tcp.TcpServer", Server)
     assert run(*device, "--tcp", "127.0.0.1:0").exit_code == 0
     result = run(*device, "--tcp", "0.0.0.0:7000")
     assert "anyone who reaches TCP on 0.0.0.0" in result.stderr

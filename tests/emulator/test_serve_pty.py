@@ -15,7 +15,7 @@ from tests.waits import PATIENCE, eventually
 
 from hexwire.drivers.hex7bot import Hex7BotDriver
 from hexwire.emulator.board import make_hex7bot_board
-from hexwire.emulator.serve_pty import PtyServer, serve_board
+from hexwire.emulator.serve_pty import PtyServer
 from hexwire.errors import (
     LinkLostError,
     ReplyTimeoutError,
@@ -250,15 +250,15 @@ def test_unread_bytes_do_not_accumulate() -> None:
         server.close()
 
 
-def test_serve_board_announces_and_stops_and_cleans_up(tmp_path: Path) -> None:
+def test_a_server_announces_and_stops_and_cleans_up(tmp_path: Path) -> None:
     link = tmp_path / "port"
     said: list[str] = []
     turns = iter(range(5))
-    serve_board(Loopback(), link=link, stop=lambda: next(turns, None) is None, announce=said.append)
+    PtyServer(Loopback(), link=link).serve(lambda: next(turns, None) is None, said.append)
     assert said == [str(link)]
     assert not link.is_symlink()
     with pytest.raises(ValueError, match="boom"):
-        serve_board(Loopback(), link=link, stop=lambda: _boom(), announce=said.append)
+        PtyServer(Loopback(), link=link).serve(_boom, said.append)
     assert not link.is_symlink()
 
 

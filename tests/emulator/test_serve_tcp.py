@@ -11,13 +11,14 @@ from tests.frames import frame_bytes
 
 from hexwire.bus.servo_bus import ServoBus
 from hexwire.drivers.hex7bot import Hex7BotDriver
+from hexwire.emulator import serve as serve_module
 from hexwire.emulator import serve_pty
 from hexwire.emulator import serve_tcp as serve_tcp_module
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.bus_device import BusDevice, make_servos
 from hexwire.emulator.serve import ServedDevice
 from hexwire.emulator.serve_pty import PtyServer
-from hexwire.emulator.serve_tcp import TcpServer, serve_queue, serve_tcp
+from hexwire.emulator.serve_tcp import TcpServer, serve_queue
 from hexwire.errors import LinkError, LinkLostError
 from hexwire.link.open import make_link
 from hexwire.wire.command_frame import Command
@@ -34,7 +35,7 @@ def serving(device: ServedDevice, **options: bool) -> Iterator[str]:
         ready.set()
 
     def run() -> None:
-        serve_tcp(device, "127.0.0.1", 0, stop=ended.is_set, announce=announce, **options)
+        TcpServer(device, "127.0.0.1", 0, **options).serve(ended.is_set, announce)
 
     thread = threading.Thread(target=run)
     thread.start()
@@ -141,7 +142,8 @@ def test_what_came_while_the_server_stalled_is_read_before_silence_is_judged(
         server, module = kind(board)
         stalled = [0.0]
         clock = SimpleNamespace(monotonic=lambda stalled=stalled: time.monotonic() + stalled[0], sleep=time.sleep)
-        monkeypatch.setattr(module, "time", clock)
+        for each in (module, serve_module):
+            monkeypatch.setattr(each, "time", clock)
         url = server.open()
         try:
             with make_link(url if "://" in url else f"serial://{url}") as host:
@@ -228,7 +230,8 @@ def test_wherever_a_server_stalls_what_came_meanwhile_ends_the_silence(
     """Also between the look that found nothing and the judgement, and while it writes."""
     for place in range(1, 12):
         board, clock = make_hex7bot_board(start=time.monotonic()), StallingClock()
-        monkeypatch.setattr(serve_pty if kind == "pty" else serve_tcp_module, "time", clock)
+        for module in (serve_pty if kind == "pty" else serve_tcp_module, serve_module):
+            monkeypatch.setattr(module, "time", clock)
         server = PtyServer(board, baud=baud) if kind == "pty" else TcpServer(board, "127.0.0.1", 0, baud=baud)
         url = server.open()
         try:

@@ -128,28 +128,20 @@ def serve_device(
     stop: Callable[[], bool],
     announce: Callable[[str], None],
 ) -> None:
-    """Serve a device until told to stop; arguments as of `serve_board` and `serve_tcp`.
+    """Serve a device until told to stop; arguments as of `PtyServer`, `TcpServer` and `DeviceServer.serve`.
 
     Raises:
         UsageError: Options that exclude each other, or this system has no pseudo-terminals for it.
     """
     if tcp is None:
         try:
-            from hexwire.emulator.serve_pty import serve_board
+            from hexwire.emulator.serve_pty import PtyServer
         except ImportError:
             no_terminals()
-        serve_board(
-            device,
-            link=link,
-            baud=baud,
-            reset_on_open=reset_on_open,
-            hands=hands,
-            rate=rate,
-            stop=stop,
-            announce=announce,
-        )
+        server = PtyServer(device, link=link, baud=baud, reset_on_open=reset_on_open, hands=hands, rate=rate)
+        server.serve(stop, announce)
         return
-    from hexwire.emulator.serve_tcp import serve_tcp
+    from hexwire.emulator.serve_tcp import TcpServer
     from hexwire.link.url import is_loopback
 
     if link is not None:
@@ -157,7 +149,7 @@ def serve_device(
     host, port = parse_address(tcp)
     if not is_loopback(host):
         note(f"warning: anyone who reaches TCP on {host} can command this emulated arm")
-    serve_tcp(device, host, port, baud=baud, reset_on_open=reset_on_open, hands=hands, stop=stop, announce=announce)
+    TcpServer(device, host, port, baud=baud, reset_on_open=reset_on_open, hands=hands).serve(stop, announce)
 
 
 def no_terminals() -> NoReturn:

@@ -1,23 +1,35 @@
 """An emulated device behind a link in simulated time, and the line between the two.
 
-Owns `BoardLink`, for tests and examples that must not sleep, and how long bytes take on a line. Only the `serve_`
-modules of the package do I/O.
+Owns `BoardLink`, for tests and examples that must not sleep, how long bytes take on a line, and what all servers of
+a device do between two looks at their hosts. Only the `serve_` modules of the package do I/O.
 """
 
 from __future__ import annotations
 
 import math
+import time
+from abc import ABC, abstractmethod
 from collections import deque
-from typing import Protocol
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Protocol
 
 from hexwire.errors import LinkBusyError, LinkClosedError, LinkLostError, UsageError
 from hexwire.link.base import Link, LinkKind
 
-__all__ = ["Arrivals", "BoardLink", "FakeClock", "PacedLine", "ServedDevice", "deliver"]
+if TYPE_CHECKING:
+    from .hand import Hands
+    from .serve_hand import HandServer
+
+__all__ = ["Arrivals", "BoardLink", "DeviceServer", "FakeClock", "PacedLine", "ServedDevice", "deliver"]
 
 _BITS = 10
 _STALL = 0.02
 """Seconds by which a server may be late before that is a stall."""
+_IDLE = 0.25
+_SLICE = 0.001
+"""Seconds between two looks at a paced line in use."""
+_HAND_PERIOD = 0.02
+"""Most seconds between two steps of a joint that is moved by hand."""
 
 
 class ServedDevice(Protocol):
@@ -245,3 +257,67 @@ def deliver(line: PacedLine, device: ServedDevice, now: float) -> None:
     if data := line.take(now):
         device.step(min(line.came, now))
         device.receive(data, now)
+
+
+class DeviceServer(ABC):
+    """A device behind a line of its own, for other programs.
+
+    Args:
+        device: The board, or the servos of a bus.
+        baud: Rate of the line between host and device; 0 is unpaced.
+        reset_on_open: Reset the device when a host opens its end, as DTR does on an Arduino.
+        hands: The joints that programs of this user on this machine may move by hand; none if None.
+    """
+
+    def __init__(self, device: ServedDevice, *, baud: int, reset_on_open: bool, hands: Hands | None) -> None:
+        self.device = device
+        self._baud = baud
+        self._reset_on_open = reset_on_open
+        self._hands = hands
+        self._door: HandServer | None = None
+        self._to_board, self._to_host = PacedLine(baud), PacedLine(baud)
+        self._arrivals = Arrivals()
+
+    @abstractmethod
+    def open(self) -> str:
+        """Make the line; returns its address for hosts."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """Take the line away."""
+
+    @abstractmethod
+    def run_once(self, timeout: float = _IDLE) -> None:
+        """Wait for bytes, a host or the next event, at most `timeout` seconds, and act on them."""
+
+    def serve(self, stop: Callable[[], bool], announce: Callable[[str], None]) -> None:
+        """Serve until told to stop.
+
+        Args:
+            stop: Called at least every quarter of a second; True ends it.
+            announce: Called with the address for hosts once the line is open.
+        """
+        try:
+            announce(self.open())
+            while not stop():
+                self.run_once()
+        finally:
+            self.close()
+
+    def _open_door(self, name: str) -> None:
+        """Let hands find the arm by a name, see `serve_hand`."""
+        if self._hands is not None:
+            from .serve_hand import HandServer
+
+            self._door = HandServer(name, self._hands)
+            self._door.open()
+
+    def _wait(self, timeout: float) -> float:
+        """Seconds until there is something to do without input, `timeout` at most."""
+        now, lines = time.monotonic(), (self._to_host.next_time(), self._to_board.next_time())
+        due = [max(t - now, 0.0) for t in (self.device.next_event_time(), *lines) if t is not None]
+        if self._baud and lines != (None, None):
+            due.append(_SLICE)
+        if self._door is not None and self._door.is_busy:
+            due.append(_HAND_PERIOD)
+        return min([timeout, *due])

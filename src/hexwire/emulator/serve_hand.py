@@ -36,7 +36,6 @@ from .hand import Grip, HandOrder, HandResult, Hands
 from .serve_door import knock, open_door
 
 __all__ = [
-    "HAND_PERIOD",
     "HandConversation",
     "HandServer",
     "find_arm",
@@ -154,8 +153,6 @@ def parse_result(line: bytes) -> HandResult:
 
 _log = logging.getLogger(__name__)
 
-HAND_PERIOD = 0.02
-"""Most seconds between two steps of a server that is busy."""
 _SUFFIX = ".hand"
 _MOST = 8
 """Conversations at a time."""

@@ -36,8 +36,8 @@ from hexwire.system import user_id, user_name
 from .bus_device import BusDevice
 from .faults import FaultPlan
 from .hand import Hands
-from .serve import Arrivals, PacedLine, ServedDevice, deliver
-from .serve_hand import HAND_PERIOD, HandServer, terminal_name
+from .serve import DeviceServer, PacedLine, ServedDevice, deliver
+from .serve_hand import terminal_name
 from .servo_wire import heard_at
 
 if TYPE_CHECKING:
@@ -45,12 +45,11 @@ if TYPE_CHECKING:
 
     from .servo import EmulatedServo
 
-__all__ = ["PtyServer", "TerminalName", "serve_board", "serve_bus"]
+__all__ = ["PtyServer", "TerminalName", "serve_bus"]
 
 _TERMINAL = re.compile(r"/dev/pts/[0-9]+")
 _IDLE = 0.25
 _BUS_IDLE = 0.02
-_SLICE = 0.001
 _READ = 4096
 _MOST_LOOKS = 4
 """Looks for more bytes in a turn; a terminal keeps few, so whoever fills it so often is not silent."""
@@ -158,7 +157,7 @@ class TerminalName:
         os.symlink(self._terminal, self._link.name, dir_fd=self._folder)
 
 
-class PtyServer:
+class PtyServer(DeviceServer):
     """A pseudo-terminal with a device behind it.
 
     Args:
@@ -181,20 +180,13 @@ class PtyServer:
         hands: Hands | None = None,
         rate: Callable[[], int] | None = None,
     ) -> None:
-        self.device = device
+        super().__init__(device, baud=baud, reset_on_open=reset_on_open, hands=hands)
         self._rate = rate
         self.path = ""
-        self._hands = hands
-        self._door: HandServer | None = None
         self._link = Path(link) if link else None
-        self._baud = baud
-        self._reset_on_open = reset_on_open
         self._name: TerminalName | None = None
         self._master = -1
         self._slave = -1
-        self._to_board = PacedLine(baud)
-        self._to_host = PacedLine(baud)
-        self._arrivals = Arrivals()
         self._unsent = b""
         self._hung_up = True
 
@@ -209,9 +201,7 @@ class PtyServer:
         self._set_rate(self._slave)
         os.set_blocking(self._master, False)
         self.path = os.ttyname(self._slave)
-        if self._hands is not None:
-            self._door = HandServer(terminal_name(self.path), self._hands)
-            self._door.open()
+        self._open_door(terminal_name(self.path))
         if self._reset_on_open:
             # The master shows when a host opens and closes the terminal only if we do not hold it open.
             os.fchmod(self._slave, stat.S_IMODE(os.fstat(self._slave).st_mode) | stat.S_ISVTX)
@@ -254,14 +244,7 @@ class PtyServer:
     def run_once(self, timeout: float = _IDLE) -> None:
         """Wait for bytes or the next event, at most `timeout` seconds, and act on them."""
         self._follow_rate()
-        now = time.monotonic()
-        due = [t for t in (self.device.next_event_time(), self._to_host.next_time()) if t is not None]
-        arriving = self._to_board.next_time()
-        if arriving is not None:
-            due.append(arriving)
-        wait = min([timeout, *(max(t - now, 0.0) for t in due)])
-        if self._baud and (self._to_host.next_time() is not None or arriving is not None):
-            wait = min(wait, _SLICE)
+        wait = self._wait(timeout)
         mask = select.POLLIN | (select.POLLOUT if self._unsent else 0)
         poll = select.poll()
         poll.register(self._master, mask)
@@ -269,7 +252,6 @@ class PtyServer:
         if door is not None:
             for fd in door.descriptors():
                 poll.register(fd, select.POLLIN)
-            wait = min(wait, HAND_PERIOD) if door.is_busy else wait
         begun = time.monotonic()
         found = poll.poll(wait * 1000)
         events = [row for row in found if row[0] == self._master]
@@ -359,39 +341,6 @@ class PtyServer:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def serve_board(
-    device: ServedDevice,
-    *,
-    link: str | Path | None = None,
-    baud: int = 0,
-    reset_on_open: bool = False,
-    hands: Hands | None = None,
-    rate: Callable[[], int] | None = None,
-    stop: Callable[[], bool],
-    announce: Callable[[str], None],
-) -> None:
-    """Serve a device on a pseudo-terminal until told to stop.
-
-    Args:
-        device: The board.
-        link: Path of a symbolic link to make to the terminal.
-        baud: Line rate; 0 is unpaced.
-        reset_on_open: Reset the board when the port is opened.
-        hands: The joints that can be moved by hand.
-        rate: As of `PtyServer`.
-        stop: Called at least every quarter of a second; True ends it.
-        announce: Called with the path once the terminal is open.
-    """
-    server = PtyServer(device, link=link, baud=baud, reset_on_open=reset_on_open, hands=hands, rate=rate)
-    path = server.open()
-    try:
-        announce(path)
-        while not stop():
-            server.run_once()
-    finally:
-        server.close()
 
 
 def serve_bus(

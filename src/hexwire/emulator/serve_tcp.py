@@ -14,8 +14,8 @@ from hexwire.errors import LinkError, LinkTimeoutError
 from hexwire.link.listener import Listener
 from hexwire.system import READABLE, make_poll
 
-from .serve import Arrivals, PacedLine, ServedDevice, deliver
-from .serve_hand import HAND_PERIOD, HandServer, port_name
+from .serve import Arrivals, DeviceServer, PacedLine, ServedDevice, deliver
+from .serve_hand import port_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,16 +25,14 @@ if TYPE_CHECKING:
 
     from .hand import Hands
 
-__all__ = ["TcpServer", "serve_queue", "serve_tcp"]
+__all__ = ["TcpServer", "serve_queue"]
 
 _IDLE = 0.25
 _KEPT = 4096
 """Bytes of a host that has hung up which its line still takes: those in the buffer of a real adapter."""
-_SLICE = 0.001
-"""Seconds between two looks at a paced line in use."""
 
 
-class TcpServer:
+class TcpServer(DeviceServer):
     """A TCP port with a device behind it.
 
     Args:
@@ -56,14 +54,8 @@ class TcpServer:
         reset_on_open: bool = False,
         hands: Hands | None = None,
     ) -> None:
-        self.device = device
-        self._hands = hands
-        self._door: HandServer | None = None
+        super().__init__(device, baud=baud, reset_on_open=reset_on_open, hands=hands)
         self._listener = Listener(host, port)
-        self._reset_on_open = reset_on_open
-        self._to_board, self._to_host = PacedLine(baud), PacedLine(baud)
-        self._paced = bool(baud)
-        self._arrivals = Arrivals()
         self._guest: PeerLink | None = None
 
     def open(self) -> str:
@@ -73,9 +65,7 @@ class TcpServer:
             LinkError: As `Listener.open`.
         """
         self._listener.open()
-        if self._hands is not None:
-            self._door = HandServer(port_name(self._listener.port), self._hands)
-            self._door.open()
+        self._open_door(port_name(self._listener.port))
         return self._listener.url.replace("tcp-listen:", "tcp:", 1)
 
     def close(self) -> None:
@@ -87,18 +77,12 @@ class TcpServer:
 
     def run_once(self, timeout: float = _IDLE) -> None:
         """Wait for bytes, a host or the next event, at most `timeout` seconds, and act on them."""
-        now = time.monotonic()
-        moments = (self.device.next_event_time(), self._to_host.next_time(), self._to_board.next_time())
-        wait = min([timeout, *(max(moment - now, 0.0) for moment in moments if moment is not None)])
-        if self._paced and any(moment is not None for moment in moments[1:]):
-            wait = min(wait, _SLICE)
+        wait = self._wait(timeout)
         poll, guest, door = make_poll(), self._guest, self._door
         poll.register(self._listener.fileno(), READABLE)
         by_hand = [] if door is None else door.descriptors()
         for fd in by_hand:
             poll.register(fd, READABLE)
-        if door is not None and door.is_busy:
-            wait = min(wait, HAND_PERIOD)
         if guest is not None:
             poll.register(guest.fileno(), READABLE)
         begun = time.monotonic()
@@ -147,38 +131,6 @@ class TcpServer:
             self._guest = None
             # Else a burst keeps the next host waiting long after who sent it has left.
             self._to_board.cut(_KEPT)
-
-
-def serve_tcp(
-    device: ServedDevice,
-    host: str,
-    port: int,
-    *,
-    baud: int = 0,
-    reset_on_open: bool = False,
-    hands: Hands | None = None,
-    stop: Callable[[], bool],
-    announce: Callable[[str], None],
-) -> None:
-    """Serve a device on a TCP port until told to stop.
-
-    Args:
-        device: As in `TcpServer`.
-        host: As in `TcpServer`.
-        port: As in `TcpServer`.
-        baud: As in `TcpServer`.
-        reset_on_open: As in `TcpServer`.
-        hands: As in `TcpServer`.
-        stop: Called at least every quarter of a second; True ends it.
-        announce: Called with the address once the port is open.
-    """
-    server = TcpServer(device, host, port, baud=baud, reset_on_open=reset_on_open, hands=hands)
-    try:
-        announce(server.open())
-        while not stop():
-            server.run_once()
-    finally:
-        server.close()
 
 
 def serve_queue(
