@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
-from hexwire.emulator.arms import make_hex7bot_servos
+from hexwire.emulator.bus_arms import make_hex7bot_servos
 from hexwire.emulator.faults import FaultPlan
 from hexwire.emulator.servo_wire import ServoWire
 

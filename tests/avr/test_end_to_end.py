@@ -20,7 +20,7 @@ from tests.waits import eventually
 
 from hexwire.control import MotionOptions, run_motion
 from hexwire.drivers.hex7bot import Hex7BotDriver
-from hexwire.emulator.arms import make_hex7bot_servos
+from hexwire.emulator.bus_arms import make_hex7bot_servos
 from hexwire.emulator.servo_wire import ServoWire
 from hexwire.ipc import raised_line
 from hexwire.model.state import JointTarget

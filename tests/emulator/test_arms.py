@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from hexwire.emulator.arms import HEX7BOT_START, make_hex7bot_servos
+from hexwire.emulator.bus_arms import HEX7BOT_START, make_hex7bot_servos
 from hexwire.emulator.hand import HandOrder, Hands
 from hexwire.emulator.servo_wire import ServoWire
 from hexwire.model.arms.hex7bot.joints import HEX7BOT

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hexwire.emulator.arms import make_hex7bot_servos
+from hexwire.emulator.bus_arms import make_hex7bot_servos
 from hexwire.emulator.hand import Grip, Hand, HandOrder, HandResult, Hands, usual_seconds
 from hexwire.emulator.servo import EmulatedServo
 from hexwire.emulator.servo_motion import TICK, Mechanics, Motion, MotorDrive

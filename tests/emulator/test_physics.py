@@ -11,9 +11,8 @@ from tests.motion.arms import HOME
 
 from hexwire.cli.main import cli
 from hexwire.drivers.hex7bot import Hex7BotDriver
-from hexwire.emulator.arms import HEX7BOT_START
 from hexwire.emulator.board import make_hex7bot_board
-from hexwire.emulator.bus_arms import make_bus_arm
+from hexwire.emulator.bus_arms import HEX7BOT_START, make_bus_arm
 from hexwire.emulator.hand import Grip, HandOrder, Hands
 from hexwire.emulator.physics import PhysicsTwin
 from hexwire.emulator.serve import BoardLink, FakeClock

@@ -11,7 +11,7 @@ import pytest
 from tests.system.fleet_watch import HOLD, SETTLING, TIMEOUT, BoardLog, ClientLog, Servo, violations
 from tests.system.watched_board import ROW, Notes
 
-from hexwire.emulator.arms import make_hex7bot_servos
+from hexwire.emulator.bus_arms import make_hex7bot_servos
 
 END = 30.0
 

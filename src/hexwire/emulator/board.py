@@ -23,7 +23,6 @@ from hexwire.wire.command_frame import Command, Frame, Status
 from hexwire.wire.modules import ModuleType
 from hexwire.wire.tables import PROTO_CHAPTER
 
-from .arms import make_hex7bot_servos
 from .board_bus import BUS_TIMEOUT, BoardBus, BusBuffer, Delay, Job, Pause, Transaction
 from .board_chapter import ChapterDialect, SketchReceiver
 from .board_dialect1 import Dialect1
@@ -32,6 +31,7 @@ from .board_rate import LineRate
 from .board_state import BoardSettings, BoardState
 from .board_stop import StopQueue
 from .board_trajectory import BoardTrajectory
+from .bus_arms import make_hex7bot_servos
 from .faults import FaultPlan
 from .servo_wire import ServoWire
 
