@@ -12,7 +12,7 @@ import pytest
 
 from hexwire.drivers.arm_file import load_profile
 from hexwire.emulator.bus_arms import make_bus_arm
-from hexwire.emulator.physics_body import CAMERA, make_body, puppet_poses, puppets
+from hexwire.emulator.physics import CAMERA, make_body, puppet_poses, puppets
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.geometry import kinematics_for, make_kinematics, make_shapes
 from hexwire.model.shapes import ArmShapes
