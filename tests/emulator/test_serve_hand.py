@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from tests.waits import PATIENCE, eventually
 
 from hexwire.bus.servo_bus import ServoBus
-from hexwire.emulator import serve_door, serve_hand
+from hexwire.emulator import serve_hand
 from hexwire.emulator.bus_device import BusDevice
 from hexwire.emulator.hand import HandOrder, HandResult, Hands
 from hexwire.emulator.serve_hand import (
@@ -147,7 +147,7 @@ def kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str
     """The kind of door; a TCP port is that of other systems than Linux."""
     kind: str = request.param
     for what in ("listen", "knock"):
-        monkeypatch.setattr(serve_door, f"_{what}", getattr(serve_door, f"_{what}_at_{kind}"))
+        monkeypatch.setattr(serve_hand, f"_{what}", getattr(serve_hand, f"_{what}_at_{kind}"))
     return kind
 
 
@@ -187,7 +187,7 @@ def serving(name: str, one: EmulatedServo | None = None, *, runs: bool = True) -
 
 @contextmanager
 def talking(path: Path) -> Iterator[socket.socket]:
-    talk, key = serve_door.knock(path, PATIENCE)
+    talk, key = serve_hand.knock(path, PATIENCE)
     with talk:
         talk.sendall(key)
         yield talk
