@@ -536,8 +536,7 @@ def play(
     from hexwire.motion.trajectory import Scaled
     from hexwire.motion.waypoint_file import parse_points, parse_waypoints
 
-    from .program import run_program
-    from .verbs import run_verb
+    from .verbs import run_program, run_verb
 
     if is_program(file):
         for name in ("speed", "begin", "end", "smooth", "trim", "fit", "fastest", "arm", "save"):

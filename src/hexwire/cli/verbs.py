@@ -1,12 +1,13 @@
-"""Calls the verbs of an arm for the motion commands, and tells how that goes: plan, notes, picture, result.
+"""Calls the verbs of an arm for the motion commands, and tells how that goes: plan, steps, notes, picture, result.
 
-Owns the texts and the JSON. Must not know how a user types a motion, nor how one is planned, checked or run.
-Commands import it when they run.
+Owns the texts and the JSON. Must not know how a user types a motion, what a program may contain, nor how
+either is planned, checked or run. Commands import it when they run.
 """
 
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from hexwire.control.motion import motions
 from hexwire.control.motion.motion_options import unwatched_words
 from hexwire.drivers.abilities import OwnWatchdog
 from hexwire.drivers.registry import is_address
-from hexwire.errors import HexwireError
+from hexwire.errors import HexwireError, UsageError
 from hexwire.link.tap import Missed
 from hexwire.units import plain
 
@@ -53,6 +54,7 @@ __all__ = [
     "opening_words",
     "progress_bar",
     "rest_json",
+    "run_program",
     "run_verb",
 ]
 
@@ -79,6 +81,11 @@ class RunOptions:
     rate: float | None
     host_timed: bool = False
     outlives: bool = False
+
+    @property
+    def how(self) -> motions.MotionOptions:
+        """How a motion is run."""
+        return motions.MotionOptions(rate=self.rate or 0.0, host_timed=self.host_timed, outlives=self.outlives)
 
 
 class Teller(motions.MotionObserver):
@@ -224,16 +231,35 @@ def run_verb(
     refuse_idle_table(robot)
     with attached(robot), ExitStack() as moving:
         told = _Told(robot, options, title, moving)
-        how = motions.MotionOptions(
-            rate=options.rate or 0.0, host_timed=options.host_timed, outlives=options.outlives
-        )
         try:
-            call(Arm(robot, table=options.table, front=Front(told, how, options.dry_run)))
+            call(Arm(robot, table=options.table, front=Front(told, options.how, options.dry_run)))
         finally:
             told.finish()
 
 
-class _Told(Teller):
+class _RunTeller(Teller):
+    """Tells of what `RunOptions` are for."""
+
+    def __init__(self, robot: RobotDriver, options: RunOptions, moving: ExitStack) -> None:
+        super().__init__(robot)
+        self._options, self._moving = options, moving
+        self._say = partial(say, flush=True)
+
+    def refused(self, why: str) -> None:
+        """Tell why the board does not execute the path."""
+        note(f"targets are sent one by one, since the board does not follow this path itself: {why}")
+
+    def _tell_legs(self, path: CheckedPath, name: str, approach: str) -> list[dict[str, object]]:
+        """Tell what is planned, and return it for ``--json``; what comes before the motion leads to its start."""
+        legs = []
+        for leg, report in zip(path.legs, path.reports, strict=True):
+            called = name if leg is path.legs[-1] else approach
+            legs.append(leg_json(called, report))
+            self._say(f"{called}: {leg_words(report)}")
+        return legs
+
+
+class _Told(_RunTeller):
     def __init__(
         self,
         robot: RobotDriver,
@@ -241,9 +267,8 @@ class _Told(Teller):
         title: Callable[[Mapping[str, float]], str],
         moving: ExitStack,
     ) -> None:
-        super().__init__(robot)
-        self._options, self._title, self._moving = options, title, moving
-        self._say = partial(say, flush=True)
+        super().__init__(robot, options, moving)
+        self._title = title
         self._outcome: dict[str, object] = {}
         self._plot = MotionPlot((), "")
         self._began: float | None = None
@@ -252,12 +277,8 @@ class _Told(Teller):
 
     def planned(self, path: CheckedPath) -> None:
         """Tell what will be done."""
-        title, legs = self._title(path.start), []
-        for leg, report in zip(path.legs, path.reports, strict=True):
-            # What comes before the motion itself leads to its start.
-            name = title if leg is path.legs[-1] else "approach"
-            legs.append(leg_json(name, report))
-            self._say(f"{name}: {leg_words(report)}")
+        title = self._title(path.start)
+        legs = self._tell_legs(path, title, "approach")
         if path.slowed:
             note(f"note: {path.slowed}")
         self._plan(path, title)
@@ -265,10 +286,6 @@ class _Told(Teller):
         self._outcome |= {"legs": legs, "arrived": arrived, "plot": None, **rest_json(None)}
         # From here on the arm moves.
         self._moving.enter_context(hold_on_ctrl_c(self.robot))
-
-    def refused(self, why: str) -> None:
-        """Tell why the board does not execute the path."""
-        note(f"targets are sent one by one, since the board does not follow this path itself: {why}")
 
     def seen(self, state: JointState) -> None:
         """Draw the way that the arm takes."""
@@ -421,3 +438,84 @@ def _move_json(robot: RobotDriver, result: MotionResult) -> dict[str, object]:
         "arrived": result.arrived,
         "joints": (None if result.arrived is None else [joint_json(joint, robot.model) for joint in robot.read()]),
     }
+
+
+class _ProgramTeller(_RunTeller):
+    """Tells of a program: what was checked, or each step as it is run."""
+
+    def __init__(self, robot: RobotDriver, options: RunOptions, moving: ExitStack) -> None:
+        super().__init__(robot, options, moving)
+        self._number = ""
+        self.rows: list[dict[str, object]] = []
+
+    def checked(self, number: str, path: CheckedPath) -> None:
+        """Tell what a step would do, if nothing moves."""
+        if self._options.dry_run:
+            self._number = number
+            self.planned(path)
+
+    def step(self, number: str) -> None:
+        """Keep the number for what follows."""
+        if not self._number:
+            # From here on the arm moves.
+            self._moving.enter_context(hold_on_ctrl_c(self.robot))
+        self._number = number
+
+    def planned(self, path: CheckedPath) -> None:
+        """Tell what a step does."""
+        legs = self._tell_legs(path, f"step {self._number}", f"step {self._number}, approach")
+        if path.slowed:
+            note(f"note: step {self._number}: {path.slowed}")
+        self.rows.append({"step": self._number, "legs": legs, "arrived": None if self._options.dry_run else False})
+
+    def ended(self, result: MotionResult) -> None:
+        """Tell how a step ended."""
+        if not self.rows or self.rows[-1]["arrived"] is not False:
+            # The gripper has no path.
+            self.rows.append({"step": self._number, "legs": [], "arrived": False})
+        if result.arrived is None or (result.why and not result.cut):
+            return
+        self.rows[-1] |= {"arrived": True, **rest_json(result.rest)}
+        if result.opening == result.opening:
+            self._say(f"step {self._number}: the gripper {opening_words(result.opening, result.holds)}")
+        elif result.rest is not None:
+            self._say(f"step {self._number}: {arrived_words(result.rest)}")
+
+
+def run_program(robot: RobotDriver, options: RunOptions, file: str, step: int, repeat: int) -> None:
+    """Attach a robot, and run a program on it.
+
+    Args:
+        robot: Not attached yet.
+        options: As typed.
+        file: The program.
+        step: Where it begins, from 1.
+        repeat: How often it is run.
+
+    Raises:
+        ConfigError: The file is no program.
+        HexwireError: As `Arm.play`.
+    """
+    from hexwire.control.requests.program import read_program
+
+    refuse_idle_table(robot)
+    if options.plot is not None:
+        raise UsageError("--plot draws one motion, and not a program")
+    if read_program(file).asks and not options.dry_run and not sys.stdin.isatty():
+        raise UsageError(f"{file} waits for a person: run it in a terminal, or take its steps 'ask' out")
+    with attached(robot), ExitStack() as moving:
+        told = _ProgramTeller(robot, options, moving)
+        arm = Arm(robot, table=options.table, front=Front(told, options.how, options.dry_run))
+        done = False
+        try:
+            arm.play(file, step=step, repeat=repeat, ask=_ask)
+            done = True
+        finally:
+            if wants_json() and (told.rows or done):
+                print_json({"steps": told.rows, "arrived": None if options.dry_run else done})
+
+
+def _ask(text: str) -> None:
+    note(f"{text}; press Enter")
+    if not sys.stdin.readline():
+        raise UsageError("the input has ended while the program waited for a person")
