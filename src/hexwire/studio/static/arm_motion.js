@@ -3,7 +3,7 @@ change, shows it, and begins the motion. Owns the fields and lists; the server p
 
 import { branchWords, capital, degrees, fixed, isRefused, radians, showPlan, tipValues } from "./arm.js";
 import { all, required } from "./live.js";
-import { html, make, whyOf } from "./widgets.js";
+import { html, node, whyOf } from "./widgets.js";
 
 /**
  * @typedef {ReturnType<ArmPage["positions"]>} Positions
@@ -319,9 +319,8 @@ export function mountPoses(page) {
   };
   /** @type {(words: string, label: string, act: (element: HTMLButtonElement) => unknown, need?: string) => HTMLButtonElement} */
   const button = (words, label, act, need = "arm-need") => {
-    const element = make("button", { type: "button", className: `hw-button arm-small ${need}`, textContent: words });
-    element.setAttribute("aria-label", label);
-    element.disabled = (need !== "" && !page.mine) || (need === WHOLE && page.unready !== "");
+    const disabled = (need !== "" && !page.mine) || (need === WHOLE && page.unready !== "");
+    const element = node("button", { type: "button", class: `hw-button arm-small ${need}`, "aria-label": label, disabled }, words);
     element.addEventListener("click", () => act(element));
     return element;
   };
@@ -342,10 +341,9 @@ export function mountPoses(page) {
   };
   /** @type {(row: HTMLElement, name: string) => void} */
   const rename = (row, name) => {
-    const input = make("input", { type: "text", value: name, maxLength: 40 });
-    input.setAttribute("aria-label", `New name of ${name}`);
+    const input = node("input", { type: "text", value: name, maxlength: 40, "aria-label": `New name of ${name}` });
     /** @type {HTMLFormElement} */
-    const entry = make("form", { className: "hw-row" }, input, button("Keep", `Keep the new name of ${name}`, () => entry.requestSubmit()), button("Cancel", `Do not rename ${name}`, () => refresh(), ""));
+    const entry = node("form", { class: "hw-row" }, input, button("Keep", `Keep the new name of ${name}`, () => entry.requestSubmit()), button("Cancel", `Do not rename ${name}`, () => refresh(), ""));
     entry.addEventListener("submit", (event) => {
       event.preventDefault();
       change("arm.rename_pose", { name, new: input.value }, "Renamed.");
@@ -356,7 +354,7 @@ export function mountPoses(page) {
   };
   const show = (/** @type {Pose[]} */ poses) => {
     const rows = poses.map(({ name, saved }) => {
-      const row = make("li", {}, make("span", { className: "arm-pose-name", textContent: name, title: name }));
+      const row = node("li", {}, node("span", { class: "arm-pose-name", title: name }, name));
       row.append(button("Go", `Go to ${name}`, () => go(name), WHOLE), button("Show", `Preview ${name}`, () => preview(name), ""));
       if (saved) {
         row.append(
@@ -365,7 +363,7 @@ export function mountPoses(page) {
           button("Remove", `Remove ${name}`, twice(() => change("arm.remove_pose", { name }, `${name} is removed.`), "Sure?")),
         );
       } else {
-        row.append(make("span", { className: "arm-note", textContent: name === "home" ? "the middle of every joint" : "from the settings" }));
+        row.append(node("span", { class: "arm-note" }, name === "home" ? "the middle of every joint" : "from the settings"));
       }
       return row;
     });

@@ -1,7 +1,7 @@
 // Pieces that pages share for what a person chooses, is asked and saves: groups of switches, questions, files. Apart from
 // widgets.js, since the first picture needs none of them. Must not know what they mean.
 
-import { make, node } from "./widgets.js";
+import { node } from "./widgets.js";
 
 /**
  * A group of switches; `changed` gets the keys that are on, in order.
@@ -12,19 +12,19 @@ import { make, node } from "./widgets.js";
  * @param {{ all?: boolean }} options
  */
 export function chips(label, items, on, changed, options = {}) {
-  const group = make("fieldset", { className: "pl-chips" }, make("legend", { textContent: label }));
+  const group = node("fieldset", { class: "pl-chips" }, node("legend", {}, label));
   const boxes = items.map(({ key, text, unit, colour }) => {
-    const box = make("input", { type: "checkbox", checked: on.includes(key), value: key });
-    const chip = make("label", { className: "pl-chip" }, box, make("span", { textContent: text }));
-    if (unit) chip.append(make("small", { textContent: unit }));
+    const box = node("input", { type: "checkbox", checked: on.includes(key), value: key });
+    const chip = node("label", { class: "pl-chip" }, box, node("span", {}, text));
+    if (unit) chip.append(node("small", {}, unit));
     if (colour) chip.style.setProperty("--chip", `var(${colour})`);
     box.addEventListener("change", tell);
     group.append(chip);
     return box;
   });
   if (options.all) {
-    const all = make("button", { type: "button", className: "pl-all", textContent: "all", title: `All ${label.toLowerCase()}` });
-    all.setAttribute("aria-label", `All ${label.toLowerCase()}`);
+    const words = `All ${label.toLowerCase()}`;
+    const all = node("button", { type: "button", class: "pl-all", title: words, "aria-label": words }, "all");
     all.addEventListener("click", () => {
       const every = boxes.every((box) => box.checked);
       boxes.forEach((box, i) => { box.checked = !every || i === 0; });

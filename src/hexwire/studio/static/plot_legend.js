@@ -3,7 +3,7 @@
 // Owns the table; written at most ten times a second.
 
 import { timeText, valueText } from "./plot_look.js";
-import { put } from "./widgets.js";
+import { node, put } from "./widgets.js";
 
 const PERIOD = 100; // ms
 
@@ -11,53 +11,31 @@ export class Legend {
   _timer = 0;
   /** @type {HTMLElement[]} */
   _heads = [];
-  /** @type {{ line: HTMLElement, box: HTMLInputElement, cells: HTMLElement[] }[]} */
+  /** @type {{ line: HTMLElement, box: HTMLInputElement, cells: HTMLElement[], row: HTMLElement }[]} */
   _rows = [];
-  _table = document.createElement("table");
+  _table = node("table");
 
   /** @param {import("./plot.js").Plot} plot */
   constructor(plot) {
     this.plot = plot;
-    this.element = document.createElement("div");
-    this.element.className = "hx-plot-legend";
+    this.element = node("div", { class: "hx-plot-legend" });
   }
 
   build() {
     const { plot } = this;
-    const table = (this._table = document.createElement("table"));
-    const head = table.createTHead().insertRow();
-    this._heads = ["", "unit", "now", "A", "B", "B − A"].map((text) => {
-      const cell = document.createElement("th");
-      cell.scope = "col";
-      cell.textContent = text;
-      head.append(cell);
-      return cell;
-    });
-    this._heads[0].textContent = "signal";
-    const body = table.createTBody();
+    this._heads = ["signal", "unit", "now", "A", "B", "B − A"].map((text) => node("th", { scope: "col" }, text));
     this._rows = plot.series.map((one, i) => {
-      const row = body.insertRow();
-      const name = document.createElement("th");
-      name.scope = "row";
-      const label = document.createElement("label");
-      const box = document.createElement("input");
-      box.type = "checkbox";
-      box.checked = one.shown;
+      const box = node("input", { type: "checkbox", checked: one.shown });
       box.addEventListener("change", () => plot.show(i, box.checked));
-      const line = document.createElement("span");
-      line.className = "hx-plot-line" + (one.dash ? " dashed" : "");
-      label.append(box, line, ` ${one.name}`);
-      name.append(label);
-      row.append(name);
-      const unit = row.insertCell();
-      unit.textContent = one.unit;
-      unit.className = "unit";
-      const cells = ["now", "a", "b", "d"].map(() => row.insertCell());
+      const line = node("span", { class: `hx-plot-line${one.dash ? " dashed" : ""}` });
+      const name = node("th", { scope: "row" }, node("label", {}, box, line, ` ${one.name}`));
+      const cells = ["now", "a", "b", "d"].map(() => node("td"));
       // A page greys it where nobody knows how it is now.
       if (plot.options.live) cells[0].className = "hw-live";
-      return { line, box, cells };
+      return { line, box, cells, row: node("tr", {}, name, node("td", { class: "unit" }, one.unit), ...cells) };
     });
-    this.element.replaceChildren(table);
+    this._table = node("table", {}, node("thead", {}, node("tr", {}, ...this._heads)), node("tbody", {}, ...this._rows.map(({ row }) => row)));
+    this.element.replaceChildren(this._table);
     this.colours();
     this._write();
   }

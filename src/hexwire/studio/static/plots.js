@@ -7,7 +7,7 @@ import hexwire from "./live.js";
 import { Plot } from "./plot.js";
 import { fetchColumns, save } from "./columns.js";
 import { ARM_SIGNALS, JOINT_SIGNALS, jointSeries, valuesOf } from "./signals.js";
-import { loadSheet, make, whyOf } from "./widgets.js";
+import { loadSheet, node, whyOf } from "./widgets.js";
 
 const STORE = "hexwire-plots";
 
@@ -33,10 +33,10 @@ export async function mount(element) {
    * @type {{ plot: Plot | null, rows: (JointRow | ArmRow)[], model: string[], origin: number | null, waiting: Frame[] | null, last: number, round: number }}
    */
   const state = { plot: null, rows: [], model: [], origin: null, waiting: null, last: -Infinity, round: 0 };
-  const pick = make("div", { className: "pl-pick" });
-  const note = make("p", { className: "pl-note", role: "status" });
-  const place = make("div", { className: "pl-plot" });
-  const exports = make("div", { className: "pl-export", role: "group", ariaLabel: "Export" });
+  const pick = node("div", { class: "pl-pick" });
+  const note = node("p", { class: "pl-note", role: "status" });
+  const place = node("div", { class: "pl-plot" });
+  const exports = node("div", { class: "pl-export", role: "group", "aria-label": "Export" });
   element.replaceChildren(pick, note, place, exports);
 
   const kinds = [
@@ -45,13 +45,13 @@ export async function mount(element) {
     ["MCAP", "mcap", "Save the time shown, with all joints, as MCAP"],
   ];
   for (const [label, kind, title] of kinds) {
-    const button = make("button", { type: "button", className: "hw-button", textContent: label, title, ariaLabel: title });
+    const button = node("button", { type: "button", class: "hw-button", title, "aria-label": title }, label);
     button.addEventListener("click", () => exported(kind, button));
     exports.append(button);
   }
-  const whole = make("input", { type: "checkbox", id: "pl-all" });
-  exports.prepend(make("span", { textContent: "Save:" }));
-  exports.append(make("label", {}, whole, " all ten minutes"));
+  const whole = node("input", { type: "checkbox", id: "pl-all" });
+  exports.prepend(node("span", {}, "Save:"));
+  exports.append(node("label", {}, whole, " all ten minutes"));
 
   hexwire.onHello((model) => model.joints.length ? begin(model) : end("No arm is open."), element);
   hexwire.onFrame((frame) => add(frame), element);

@@ -3,7 +3,7 @@
 
 import hexwire, { all } from "./live.js";
 import { ask, save, withQuery } from "./columns.js";
-import { loadSheet, make, whyOf } from "./widgets.js";
+import { loadSheet, node, whyOf } from "./widgets.js";
 import { makeView } from "./recordings_view.js";
 
 const LOOK = 1500; // ms between two looks at the list
@@ -31,26 +31,26 @@ export async function mount(element, args) {
    *   shown: number, outdated: number, looking: number, lost: boolean, refusal: string }}
    */
   const state = { list: null, chosen: "", rows: new Map(), asked: 0, shown: 0, outdated: 0, looking: 0, lost: false, refusal: "" };
-  const note = make("p", { className: "pl-note rc-note", role: "status" });
+  const note = node("p", { class: "pl-note rc-note", role: "status" });
   const record = button("Record the arm", toggleRecord, "rc-record");
   record.disabled = true; // until it is known whether one is being made
-  const recording = make("span", { className: "rc-recording" });
-  const seen = make("input", { type: "checkbox" });
-  const cameras = make("label", { className: "rc-with", hidden: true }, seen, " with cameras");
-  const file = make("input", { type: "file", accept: ".mcap", className: "rc-file", id: "rc-file" });
-  const add = make("label", { className: "hw-button rc-add", htmlFor: "rc-file", textContent: "Add a file" });
-  const bar = make("div", { className: "rc-bar" });
+  const recording = node("span", { class: "rc-recording" });
+  const seen = node("input", { type: "checkbox" });
+  const cameras = node("label", { class: "rc-with", hidden: true }, seen, " with cameras");
+  const file = node("input", { type: "file", accept: ".mcap", class: "rc-file", id: "rc-file" });
+  const add = node("label", { class: "hw-button rc-add", for: "rc-file" }, "Add a file");
+  const bar = node("div", { class: "rc-bar" });
   if (args.operates) bar.append(record, cameras, recording, file, add);
-  const folder = make("span", { className: "rc-folder" });
+  const folder = node("span", { class: "rc-folder" });
   bar.append(folder);
-  const remark = make("p", { className: "pl-note rc-remark" });
-  const body = make("tbody", {}, empty("Reading the folder …"));
-  const table = make("table", { className: "rc-list" },
-    make("caption", { textContent: "Recordings, newest first" }),
-    make("thead", {}, make("tr", {}, ...["Recording", "Recorded", "Robot", "Duration", "States", "Size", "State", "Actions"].map(
-      (text) => make("th", { scope: "col", textContent: text })))), body);
-  const frame = make("div", { className: "rc-scroll" }, table);
-  const place = make("div", { className: "rc-view" });
+  const remark = node("p", { class: "pl-note rc-remark" });
+  const body = node("tbody", {}, empty("Reading the folder …"));
+  const table = node("table", { class: "rc-list" },
+    node("caption", {}, "Recordings, newest first"),
+    node("thead", {}, node("tr", {}, ...["Recording", "Recorded", "Robot", "Duration", "States", "Size", "State", "Actions"].map(
+      (text) => node("th", { scope: "col" }, text)))), body);
+  const frame = node("div", { class: "rc-scroll" }, table);
+  const place = node("div", { class: "rc-view" });
   element.replaceChildren(bar, note, frame, remark, place);
   /** @type {RecordingsPage} */
   const page = { args, state, act, outdate, entry: (name) => state.list?.entries.find((one) => one.name === name) };
@@ -188,14 +188,14 @@ export async function mount(element, args) {
 
   /** @param {string} text */
   function empty(text) {
-    return make("tr", {}, make("td", { colSpan: 8, className: "rc-empty", textContent: text }));
+    return node("tr", {}, node("td", { colspan: 8, class: "rc-empty" }, text));
   }
 
   /** @param {Recording} one */
   function row(one) {
     const name = button(one.name, () => choose(one.name), "rc-name", `open ${one.name}`);
     name.setAttribute("aria-pressed", String(one.name === state.chosen));
-    const actions = make("td", { className: "rc-actions" });
+    const actions = node("td", { class: "rc-actions" });
     actions.append(button("Save", () => save("/data/recording.mcap", { name: one.name }).catch((error) => say(whyOf(error), true)),
       "rc-small", `save ${one.name}`));
     if (args.operates) {
@@ -203,8 +203,8 @@ export async function mount(element, args) {
       const remove = button("Delete", () => sure(remove, one), "rc-small", `delete ${one.name}`);
       actions.append(remove);
     }
-    const made = make("tr", { className: one.name === state.chosen ? "chosen" : "" },
-      make("th", { scope: "row" }, name),
+    const made = node("tr", { class: one.name === state.chosen ? "chosen" : "" },
+      node("th", { scope: "row" }, name),
       cell("recorded", one.begin ? dateText(one.begin) : "–"),
       cell("robot", one.robot || (one.joints.length ? `${one.joints.length} joints` : "–")),
       cell("duration", one.begin ? durationText(one.duration) : "–", true),
@@ -244,7 +244,7 @@ export async function mount(element, args) {
  * @param {() => unknown} act
  */
 export function button(text, act, className = "", label = "") {
-  const made = make("button", { type: "button", className: `hw-button ${className}`, textContent: text });
+  const made = node("button", { type: "button", class: `hw-button ${className}` }, text);
   if (label) { made.setAttribute("aria-label", label); made.dataset.key = label; }
   made.addEventListener("click", act);
   return made;
@@ -255,7 +255,7 @@ export function button(text, act, className = "", label = "") {
  * @param {string} text
  */
 function cell(name, text, number = false) {
-  return make("td", { textContent: text, className: number ? "number" : "", "data-name": name });
+  return node("td", { class: number ? "number" : "", "data-name": name }, text);
 }
 
 /** @param {Recording} one */

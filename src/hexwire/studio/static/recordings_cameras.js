@@ -2,7 +2,7 @@
 // picture is shown; of the times that are asked for while one is on its way, only the last counts.
 
 import { withQuery } from "./columns.js";
-import { make } from "./widgets.js";
+import { node } from "./widgets.js";
 
 /** @param {HTMLElement} place */
 export function makePictures(place) {
@@ -45,8 +45,8 @@ export function makePictures(place) {
    */
   function tile(name, topic) {
     const camera = topic.replace(/^\/camera\//, "");
-    const image = make("img", { alt: `Camera ${camera}`, hidden: true });
-    const said = make("figcaption", { textContent: camera });
+    const image = node("img", { alt: `Camera ${camera}`, hidden: true });
+    const said = node("figcaption", {}, camera);
     /** @type {number | null} */
     let wanted = null;
     let coming = false;
@@ -61,6 +61,6 @@ export function makePictures(place) {
       wanted = time;
       if (!coming) next();
     };
-    return { element: make("figure", {}, image, said), show };
+    return { element: node("figure", {}, image, said), show };
   }
 }

@@ -5,7 +5,7 @@
 import hexwire from "./live.js";
 import { fetchColumns } from "./columns.js";
 import { DEG } from "./signals.js";
-import { make, whyOf } from "./widgets.js";
+import { node, whyOf } from "./widgets.js";
 
 const LOOK = 250; // ms between two looks at the twin
 
@@ -33,8 +33,8 @@ export function makePlayer(page, place, view, shown, moved) {
   const state = { entry: undefined, list: null, times: null, names: [], on: "", poll: 0, drawn: 0, points: [], run: null, part: null, fits: null };
   /** @type {(label: string, value: string, min: string, max: string, step: string) => [HTMLLabelElement, HTMLInputElement]} */
   const number = (label, value, min, max, step) => {
-    const box = make("input", { type: "number", className: "rc-number", value, min, max, step });
-    const made = make("label", { className: "rc-field" }, label, box);
+    const box = node("input", { type: "number", class: "rc-number", value, min, max, step });
+    const made = node("label", { class: "rc-field" }, label, box);
     return [made, box];
   };
   const [fromField, from] = number("from, s", "0", "0", "3600", "0.1");
@@ -43,11 +43,7 @@ export function makePlayer(page, place, view, shown, moved) {
   to.placeholder = "end";
   factor.title = "2 plays twice as fast";
   /** @type {(text: string, act: () => unknown) => HTMLButtonElement} */
-  const press = (text, act) => {
-    const made = make("button", { type: "button", className: "hw-button", textContent: text });
-    made.addEventListener("click", act);
-    return made;
-  };
+  const press = (text, act) => node("button", { type: "button", class: "hw-button", onclick: act }, text);
   const twin = press("Play on the twin", playTwin);
   const arm = press("Play on the arm", playArm);
   const slower = press("", () => {
@@ -57,8 +53,8 @@ export function makePlayer(page, place, view, shown, moved) {
   slower.hidden = true;
   const stop = press("End", end);
   stop.hidden = true;
-  const said = make("span", { className: "rc-said", role: "status" });
-  const bar = make("progress", { max: 1, value: 0, hidden: true });
+  const said = node("span", { class: "rc-said", role: "status" });
+  const bar = node("progress", { max: 1, value: 0, hidden: true });
   bar.setAttribute("aria-label", "Progress of the motion");
   place.replaceChildren(fromField, toField, factorField, ...(page.args.operates ? [twin, arm, slower, stop] : []), bar, said);
 

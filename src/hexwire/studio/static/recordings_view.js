@@ -5,7 +5,7 @@ import hexwire from "./live.js";
 import { Plot } from "./plot.js";
 import { fetchColumns } from "./columns.js";
 import { DEG, JOINT_SIGNALS, jointSeries, valuesOf } from "./signals.js";
-import { make, whyOf } from "./widgets.js";
+import { node, whyOf } from "./widgets.js";
 import { makeFigure } from "./recordings_arm.js";
 import { makePictures } from "./recordings_cameras.js";
 import { makePlayer } from "./recordings_play.js";
@@ -37,22 +37,22 @@ function colourOf(name, place) {
 export function makeView(page, place) {
   /** @type {ViewState} */
   const state = { name: "", other: "", topic: "", data: null, plot: null, signals: ["position"], joints: [], names: null, align: "start", round: 0, played: null };
-  const title = make("h2", { className: "rc-title", tabIndex: -1 });
-  const topics = make("select", { className: "rc-select", hidden: true });
+  const title = node("h2", { class: "rc-title", tabindex: -1 });
+  const topics = node("select", { class: "rc-select", hidden: true });
   topics.setAttribute("aria-label", "Arm in the recording");
-  const other = make("select", { className: "rc-select", id: "rc-other" });
-  const align = make("select", { className: "rc-select", id: "rc-align" }, new Option("both from their start", "start"),
+  const other = node("select", { class: "rc-select", id: "rc-other" });
+  const align = node("select", { class: "rc-select", id: "rc-align" }, new Option("both from their start", "start"),
     new Option("where they agree best", "best"));
-  const aligned = make("span", { className: "rc-aligned" }, make("label", { htmlFor: "rc-align", textContent: "aligned" }), align);
-  const bar = make("div", { className: "rc-bar" }, topics, make("label", { htmlFor: "rc-other", textContent: "Compare with" }), other, aligned);
-  const note = make("p", { className: "pl-note rc-note", role: "status" });
-  const pick = make("div", { className: "pl-pick" });
-  const figures = make("div", { className: "rc-figures" });
-  const plotPlace = make("div", { className: "pl-plot" });
-  const playPlace = make("div", { className: "rc-play" });
-  const armPlace = make("div", { className: "rc-arm" });
-  const body = make("div", { className: "rc-body" }, plotPlace, armPlace);
-  const picturesPlace = make("div", { className: "rc-cameras", hidden: true });
+  const aligned = node("span", { class: "rc-aligned" }, node("label", { for: "rc-align" }, "aligned"), align);
+  const bar = node("div", { class: "rc-bar" }, topics, node("label", { for: "rc-other" }, "Compare with"), other, aligned);
+  const note = node("p", { class: "pl-note rc-note", role: "status" });
+  const pick = node("div", { class: "pl-pick" });
+  const figures = node("div", { class: "rc-figures" });
+  const plotPlace = node("div", { class: "pl-plot" });
+  const playPlace = node("div", { class: "rc-play" });
+  const armPlace = node("div", { class: "rc-arm" });
+  const body = node("div", { class: "rc-body" }, plotPlace, armPlace);
+  const picturesPlace = node("div", { class: "rc-cameras", hidden: true });
   place.append(title, bar, note, playPlace, figures, pick, body, picturesPlace);
   place.hidden = true;
   const figure = makeFigure(armPlace);
@@ -225,11 +225,11 @@ export function makeView(page, place) {
   function table({ head: { lag = 0, joints = [] } }) {
     const text = (/** @type {number | null} */ value) => (value === null ? "–" : (DEG * value).toFixed(2).replace("-", "−"));
     const later = Math.abs(lag) < 0.0005 ? "" : `; the second one was ${Math.abs(lag).toFixed(3)} s ${lag > 0 ? "later" : "earlier"}`;
-    figures.replaceChildren(make("table", { className: "rc-table" },
-      make("caption", { textContent: `Second minus first${later}` }),
-      make("thead", {}, make("tr", {}, ...["joint", "RMS, deg", "greatest, deg", "at, s"].map((one) => make("th", { scope: "col", textContent: one })))),
-      make("tbody", {}, ...joints.map((one) => make("tr", {}, make("th", { scope: "row", textContent: one.name }),
-        make("td", { textContent: text(one.rms) }), make("td", { textContent: text(one.largest) }),
-        make("td", { textContent: one.at === null ? "–" : one.at.toFixed(2) }))))));
+    figures.replaceChildren(node("table", { class: "rc-table" },
+      node("caption", {}, `Second minus first${later}`),
+      node("thead", {}, node("tr", {}, ...["joint", "RMS, deg", "greatest, deg", "at, s"].map((one) => node("th", { scope: "col" }, one)))),
+      node("tbody", {}, ...joints.map((one) => node("tr", {}, node("th", { scope: "row" }, one.name),
+        node("td", {}, text(one.rms)), node("td", {}, text(one.largest)),
+        node("td", {}, one.at === null ? "–" : one.at.toFixed(2)))))));
   }
 }

@@ -1,23 +1,6 @@
 // Small pieces that pages share: elements, texts, style sheets, tabs. Must not know what they mean.
 
 /**
- * An element with properties, such as className, and children.
- * @template {keyof HTMLElementTagNameMap} T
- * @param {T} tag
- * @param {Partial<HTMLElementTagNameMap[T]> & { [name: `data-${string}`]: string }} properties
- * @param {...(Node | string)} children
- */
-export function make(tag, properties = {}, ...children) {
-  const made = document.createElement(tag);
-  for (const [key, value] of Object.entries(properties)) {
-    if (key === "role" || key.startsWith("data-")) made.setAttribute(key, String(value));
-    else Object.assign(made, { [key]: value });
-  }
-  made.append(...children);
-  return made;
-}
-
-/**
  * An element with attributes, such as class; functions are listeners, of names that begin with "on".
  * @template {keyof HTMLElementTagNameMap} T
  * @param {T} name
@@ -98,7 +81,7 @@ export const whyOf = (error) => (error instanceof Error ? error.message : String
 export function loadSheet(address) {
   if (document.querySelector(`link[href="${address}"]`)) return Promise.resolve();
   return new Promise((resolve) => {
-    document.head.append(make("link", { rel: "stylesheet", href: address, onload: resolve, onerror: resolve }));
+    document.head.append(node("link", { rel: "stylesheet", href: address, onload: resolve, onerror: resolve }));
   });
 }
 

@@ -2,7 +2,7 @@
 // bytes, by mouse or by keyboard.
 
 import { BAD, PROBLEM, REQUEST, SENT, SIZE, TEXT, TIME, clock } from "./wire_list.js";
-import { put, within } from "./widgets.js";
+import { node, put, within } from "./widgets.js";
 
 const SELECT = "Select a frame in the list to see its bytes and fields here.";
 const WIDTH = 16;
@@ -18,18 +18,6 @@ const closed = new Set(); // names of the parts that the user has folded, in eve
  * A part in the tree; `within` are those that it consists of, as far as they are shown.
  * @typedef {WirePart & { level: number, parent: Piece | null, index: number, layer: string, item: HTMLElement, shown: boolean, within: Piece[] }} Piece
  */
-
-/**
- * @template {keyof HTMLElementTagNameMap} T
- * @param {T} tag
- * @param {string} name
- */
-function make(tag, name, text = "") {
-  const element = document.createElement(tag);
-  if (name) element.className = name;
-  if (text) element.textContent = text;
-  return element;
-}
 
 // Scrolls an item of a box into sight, and nothing around the box.
 /**
@@ -61,18 +49,10 @@ export class Detail {
    */
   constructor(element, { onSelect }) {
     this.onSelect = onSelect;
-    this.head = make("div", "hw-wire-head");
-    this.head.setAttribute("role", "status");
-    this.bytes = make("div", "hw-wire-bytes");
-    this.bytes.tabIndex = 0;
-    this.bytes.setAttribute("role", "listbox");
-    this.bytes.setAttribute("aria-label", "Bytes of the frame");
-    this.info = make("div", "hw-wire-info");
-    this.info.setAttribute("aria-live", "polite");
-    this.tree = make("div", "hw-wire-tree");
-    this.tree.tabIndex = 0;
-    this.tree.setAttribute("role", "tree");
-    this.tree.setAttribute("aria-label", "Layers and fields of the frame");
+    this.head = node("div", { class: "hw-wire-head", role: "status" });
+    this.bytes = node("div", { class: "hw-wire-bytes", tabindex: 0, role: "listbox", "aria-label": "Bytes of the frame" });
+    this.info = node("div", { class: "hw-wire-info", "aria-live": "polite" });
+    this.tree = node("div", { class: "hw-wire-tree", tabindex: 0, role: "tree", "aria-label": "Layers and fields of the frame" });
     element.append(this.head, this.bytes, this.info, this.tree);
     this.bytes.addEventListener("keydown", (event) => this.byteKey(event));
     this.tree.addEventListener("keydown", (event) => this.treeKey(event));
@@ -126,7 +106,7 @@ export class Detail {
     if (this.parts.length >= MOST_PARTS) return;
     const layer = LAYERS[part.name] || parent?.layer || "";
     /** @type {Piece} */
-    const piece = { ...part, level, parent, index: this.parts.length, layer, item: make("div", "hw-wire-part"), shown: false, within: [] };
+    const piece = { ...part, level, parent, index: this.parts.length, layer, item: node("div", { class: "hw-wire-part" }), shown: false, within: [] };
     this.parts.push(piece);
     parent?.within.push(piece);
     for (const child of part.parts || []) this.collect(child, level + 1, piece);
@@ -148,17 +128,14 @@ export class Detail {
     this.head.replaceChildren(words);
     /** @type {(number: number, text: string) => void} */
     const pair = (number, text) => {
-      const button = make("button", "hw-wire-link", text);
-      button.type = "button";
-      button.addEventListener("click", () => this.onSelect(number));
-      this.head.append(button, " ");
+      this.head.append(node("button", { type: "button", class: "hw-wire-link", onclick: () => this.onSelect(number) }, text), " ");
     };
     const after = data.took === null ? "" : ` after ${data.took.toFixed(2)} ms`;
     if (row[REQUEST]) pair(row[REQUEST], `Answers ${row[REQUEST]}${after}`);
     if (data.answered) pair(data.answered, `Answered by ${data.answered}${after}`);
     const told = row[PROBLEM] && row[TEXT].includes(row[PROBLEM]);
-    this.head.append(make("div", `hw-wire-text-of${told ? (row[BAD] ? " hw-wire-error" : " hw-wire-warning") : ""}`, row[TEXT]));
-    if (row[PROBLEM] && !told) this.head.append(make("div", row[BAD] ? "hw-wire-error" : "hw-wire-warning", row[PROBLEM]));
+    this.head.append(node("div", { class: `hw-wire-text-of${told ? (row[BAD] ? " hw-wire-error" : " hw-wire-warning") : ""}` }, row[TEXT]));
+    if (row[PROBLEM] && !told) this.head.append(node("div", { class: row[BAD] ? "hw-wire-error" : "hw-wire-warning" }, row[PROBLEM]));
   }
 
   /** @param {string} hex */
@@ -168,11 +145,9 @@ export class Detail {
     this.cells = [];
     for (let i = 0; i < size; i += 1) {
       if (i % WIDTH === 0) {
-        const place = make("span", "hw-wire-place", i.toString(16).padStart(4, "0"));
-        place.setAttribute("aria-hidden", "true");
-        boxes.append(place);
+        boxes.append(node("span", { class: "hw-wire-place", "aria-hidden": "true" }, i.toString(16).padStart(4, "0")));
       }
-      const cell = make("span", "hw-wire-byte", hex.slice(2 * i, 2 * i + 2).toUpperCase());
+      const cell = node("span", { class: "hw-wire-byte" }, hex.slice(2 * i, 2 * i + 2).toUpperCase());
       const leaf = this.leaf(i);
       cell.id = `hw-wire-byte-${i}`;
       cell.dataset.at = String(i);
@@ -199,14 +174,14 @@ export class Detail {
       if (part.problem) item.classList.add("hw-wire-wrong");
       const place = part.end - part.start === 1 ? `${part.start}` : `${part.start}–${part.end - 1}`;
       item.append(
-        make("span", "hw-wire-fold"),
-        make("span", "hw-wire-name", part.name),
-        make("span", "hw-wire-words", part.words || ""),
-        make("span", "hw-wire-range", place),
+        node("span", { class: "hw-wire-fold" }),
+        node("span", { class: "hw-wire-name" }, part.name),
+        node("span", { class: "hw-wire-words" }, part.words || ""),
+        node("span", { class: "hw-wire-range" }, place),
       );
       boxes.append(item);
     }
-    if (this.parts.length >= MOST_PARTS) boxes.append(make("div", "hw-wire-note", "More fields follow; see the bytes."));
+    if (this.parts.length >= MOST_PARTS) boxes.append(node("div", { class: "hw-wire-note" }, "More fields follow; see the bytes."));
     this.tree.replaceChildren(boxes);
     this.fold();
   }
@@ -287,11 +262,11 @@ export class Detail {
     chosen.item.classList.add("hw-wire-chosen");
     for (const each of this.parts) if (each !== chosen) each.item.classList.remove("hw-wire-chosen");
     const place = part.end - part.start === 1 ? `byte ${part.start}` : `bytes ${part.start} to ${part.end - 1}`;
-    const lines = [make("strong", "", `${part.name}, ${place}`)];
-    if (part.words) lines[0].append(make("span", "hw-wire-value", part.words));
+    const lines = [node("strong", {}, `${part.name}, ${place}`)];
+    if (part.words) lines[0].append(node("span", { class: "hw-wire-value" }, part.words));
     this.bytes.classList.toggle("hw-wire-wide", Boolean(part.parts));
-    if (part.meaning) lines.push(make("div", "", part.meaning));
-    if (part.problem) lines.push(make("div", "hw-wire-error", part.problem));
+    if (part.meaning) lines.push(node("div", {}, part.meaning));
+    if (part.problem) lines.push(node("div", { class: "hw-wire-error" }, part.problem));
     this.info.replaceChildren(...lines);
   }
 
