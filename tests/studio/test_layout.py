@@ -121,10 +121,54 @@ def test_nothing_moves_when_the_facts_change(page: Page) -> None:
         assert width - 16 <= stop["right"] <= width, (width, stop)
 
 
+def test_nothing_moves_when_control_is_taken(studio: RunningStudio, page: Page) -> None:
+    """The torque buttons come at the left of what is pressed, and Give back comes in the place of Take control."""
+    boxes = """() => JSON.stringify([...document.querySelectorAll(".hw-nav-link, #hw-stop")].map(
+        (each) => each.getBoundingClientRect()
+    ))"""
+    take, leave = page.locator("#hw-take"), page.locator("#hw-leave")
+    for width in (1440, 1024, 390):
+        page.set_viewport_size({"width": width, "height": 900})
+        take.wait_for()
+        before, pressed = page.evaluate(boxes), take.bounding_box()
+        take.click()
+        leave.wait_for()
+        assert page.evaluate(boxes) == before, width
+        assert leave.bounding_box() == pressed, width
+        leave.click()
+    # A second tap on Torque on meets nothing on a phone.
+    page.locator("#hw-take").click()
+    page.locator("#hw-torque-on").click()
+    studio.until(lambda: len(studio.arm.owner.state.torque_on) == 7, "torque")
+    page.locator("#hw-torque-on").wait_for(state="hidden")
+    assert not page.locator("#hw-torque-off").is_visible()
+    page.locator("#hw-status summary").click()
+    page.locator("#hw-limp").click()
+    studio.until(lambda: not studio.arm.owner.state.torque_on, "no torque")
+
+
+@pytest.mark.slow
+def test_the_bar_below_the_header_is_in_sight_wherever_the_page_is_scrolled(
+    studio: RunningStudio, blank: Page
+) -> None:
+    blank.goto(studio.operate_url.replace("/?", "/move?"))
+    ready(blank)
+    shrink_views(blank)
+    for width in (1440, 390):
+        blank.set_viewport_size({"width": width, "height": 700})
+        blank.evaluate("scrollTo(0, 500)")
+        blank.keyboard.press("Escape")
+        blank.locator("#hw-banner", has_text="Stopped").wait_for()
+        found = "document.elementFromPoint(30, document.querySelector('.hw-header').offsetHeight + 10).id"
+        assert blank.evaluate(found) == "hw-banner", width
+        studio.arm.owner.reset()
+        blank.locator("body:not(.hw-stopped)").wait_for()
+
+
 _TELL_OF_THE_ARM = """() => [
     "", "Torque is off: the arm does not move until it is on.", "J2 leaves its limits. ".repeat(6)
 ].map((text) => {
-        for (const id of ["arm-hint", "arm-plan", "arm-run-text"]) {
+        for (const id of ["hw-banner", "arm-plan", "arm-run-text"]) {
             document.getElementById(id).textContent = text;
         }
         document.getElementById("arm-pose-note").textContent = text && "At home.";
@@ -141,7 +185,7 @@ def test_no_button_of_the_arm_moves_when_something_is_told(studio: RunningStudio
     blank.goto(studio.operate_url.replace("/?", "/move?"))
     ready(blank)
     shrink_views(blank)
-    blank.locator("#arm-hint", has_text="take control").wait_for()
+    blank.locator("#hw-banner", has_text="take control").wait_for()
     for width in (1440, 820, 390):
         blank.set_viewport_size({"width": width, "height": 900})
         assert len(set(blank.evaluate(_TELL_OF_THE_ARM))) == 1, width
@@ -301,7 +345,7 @@ def test_what_ended_as_it_was_asked_for_is_no_alarm(studio: RunningStudio, opera
             studio.until(lambda held=held: held.entry is not None, "the hold")
             held.end_all(why)
             operator.wait_for_function("up()")
-            assert (why in operator.locator("#hw-banner").inner_text()) is told, why
+            assert (why in operator.locator("#hw-banner").inner_text().lower()) is told, why
     finally:
         del studio.studio.holds.begin
 
@@ -333,6 +377,8 @@ def test_a_watcher_is_offered_no_control_and_given_none(studio: RunningStudio, b
     blank.goto(studio.watch_url)
     ready(blank)
     assert not blank.locator("#hw-take").is_visible()
+    blank.locator('.hw-nav-link[data-path="/move"]').click()
+    blank.locator("#hw-banner", has_text="This page only watches").wait_for()
     refused = blank.evaluate("hexwire.call('take').catch((error) => error.message)")
     assert "watching only" in refused
     assert studio.studio.source.present is not None

@@ -75,6 +75,7 @@ interface Hexwire {
     holdButton: (element: HTMLButtonElement, kind: string, args: object | (() => object), options?: ButtonOptions) => void;
     stop: () => void;
     say: (text: string, urgent?: boolean) => void;
+    hint: (text: string, element: HTMLElement) => void;
     notify: (text: string, level?: string) => void;
 }
 
@@ -101,7 +102,6 @@ interface PageEvents {
     taught: Taught;
     need: null;
     way: Way;
-    why: string;
     run: Run;
     elapsed: { run: Run; now: number };
 }

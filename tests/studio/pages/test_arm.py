@@ -202,7 +202,7 @@ def test_cameras_of_the_browser_are_tiles_and_are_off_when_nobody_sees_them(
     # A page without TLS on another computer has no cameras, and says what helps.
     operator.evaluate("Object.defineProperty(navigator, 'mediaDevices', { value: undefined })")
     operator.get_by_role("button", name="Camera", exact=True).click()
-    expect(operator.locator("#arm-hint")).to_contain_text("TLS")
+    expect(operator.locator("#hw-banner")).to_contain_text("TLS")
 
 
 def test_a_camera_of_the_studios_computer_is_a_tile_and_is_off_when_its_page_is_gone(
@@ -318,7 +318,7 @@ def test_a_gamepad_moves_the_arm_only_while_its_dead_man_button_is_pressed(
 
     open_page(operator)
     prepare(operator, speed=100)
-    hint = operator.locator("#arm-hint")
+    hint = operator.locator("#hw-banner")
     operator.locator("#arm-pad").check()
     expect(hint).to_contain_text("hold L1 and move a stick")
     operator.get_by_role("button", name="Mapping of the gamepad").click()
@@ -368,7 +368,7 @@ def test_a_gamepad_moves_the_arm_only_while_its_dead_man_button_is_pressed(
 @pytest.mark.slow
 def test_joints_move_only_while_somebody_holds_them(studio: RunningStudio, page: Page) -> None:
     open_page(page)
-    expect(page.locator("#arm-hint")).to_contain_text("take control first")
+    expect(page.locator("#hw-banner")).to_contain_text("take control first")
     expect(page.get_by_role("button", name="Jog J1 up")).to_be_disabled()
     expect(page.get_by_role("button", name="Go", exact=True)).to_be_disabled()
     page.get_by_role("button", name="Take control").click()

@@ -3,11 +3,10 @@
 Owns what the parts share (`page`): speed, calls to the server, the ghost, the running motion; how a press, a drag or a key
 becomes a hold, and the numbers at frame rate. Must not decide what may move: the server checks every hold and every call. */
 
-import hexwire, { all, faultsOf, FLAG, required } from "./live.js";
+import hexwire, { all, capital, faultsOf, FLAG, required } from "./live.js";
 import { gotoMarkup, gripperMarkup, mountGoto, mountGripper, mountPoses, posesMarkup } from "./arm_motion.js";
 import { fill, html, loadSheet, tabs, whyOf } from "./widgets.js";
 
-const READ = 6000; // ms for which a reason stays in sight
 const OVER = 0.06; // share of the range that a slider shows beyond each limit
 const GRAB = 24; // pixels from the marker at which a drag begins
 const PACE = 40; // ms between two changes of a drag
@@ -160,7 +159,7 @@ function draw(element, args, opened) {
  */
 export function makePage(root, args, opened) {
   /** @type {PageListeners} */
-  const listeners = { draw: [], facts: [], speed: [], taught: [], need: [], way: [], why: [], run: [], elapsed: [] };
+  const listeners = { draw: [], facts: [], speed: [], taught: [], need: [], way: [], run: [], elapsed: [] };
   /** @type {ArmPage} */
   const page = {
     root,
@@ -270,9 +269,6 @@ function mountBar(page) {
     page.tell("speed", page.speed);
   });
   show();
-  const hint = page.get("#arm-hint");
-  let lasting = "";
-  let until = 0;
   page.on("facts", (facts) => {
     const holds = facts.holder_tab !== "" && facts.holder_tab === hexwire.tab;
     page.mine = holds && hexwire.known;
@@ -282,19 +278,11 @@ function mountBar(page) {
     for (const element of page.all(".arm-whole")) element.toggleAttribute("disabled", !page.mine || page.unready !== "");
     page.root.classList.toggle("arm-idle", !page.mine);
     let text = "";
-    if (page.unready) text = `${capital(page.unready)}.`;
-    else if (!page.mine) text = "To move the arm, take control first.";
-    else if (facts.stopped) text = "The arm is stopped; resume first.";
+    if (!page.mine) text = hexwire.operates ? "To move the arm, take control first." : "This page only watches.";
     else if (facts.torque === "off") text = "Torque is off: the arm does not move until it is on.";
     else if (facts.torque === "partly on") text = "Some joints have no torque and do not move.";
-    lasting = text;
-    if (performance.now() > until && hint.textContent !== text) hint.textContent = text;
+    hexwire.hint(text, page.root);
     page.tell("need", null);
-  });
-  page.on("why", (text) => {
-    hint.textContent = capital(text);
-    until = performance.now() + READ;
-    setTimeout(() => performance.now() >= until && (hint.textContent = lasting), READ + 50);
   });
 }
 
@@ -336,8 +324,6 @@ function mountRun(page) {
   });
   end.addEventListener("click", () => hexwire.release("ended"));
 }
-
-export const capital = (/** @type {string} */ words) => words.charAt(0).toUpperCase() + words.slice(1);
 
 /**
  * A solution of the inverse kinematics in words: of the two of the wrist, one is turned over.
@@ -483,7 +469,7 @@ function mountSlider(page, slider, joint, i, { low, high, share }) {
     if (drag === mine) drag = null;
     mark(null);
     slider.classList.remove("hw-held");
-    if (why !== "released") page.tell("why", why);
+    if (why !== "released") hexwire.say(why);
   };
   slider.addEventListener("pointerdown", (event) => {
     const positions = page.positions();
@@ -635,7 +621,6 @@ function markup({ joints, space, jaws, geometry, look, emulated }) {
   <button class="hw-button arm-help" id="arm-map" type="button" aria-label="Map of the keys" title="Map of the keys (?)" hidden>?</button>
   <label class="arm-pad"><input type="checkbox" id="arm-pad" class="arm-need"> Gamepad</label>
   <button class="hw-button arm-help" id="arm-pad-map" type="button" aria-label="Mapping of the gamepad" title="Mapping of the gamepad" hidden>⚙</button>
-  <span class="arm-hint" id="arm-hint" role="status"></span>
 </div>
 <div class="arm-left">${viewMarkup(look ?? geometry, space, emulated)}</div>
 <div class="arm-right"><div class="arm-panel" id="arm-drive" role="tabpanel" aria-label="${WAYS.drive}">
@@ -701,7 +686,7 @@ export function jointMarkup({ name, min, max }) {
   <th scope="row"><span class="arm-swatch"></span>${name}</th>
   <td><div class="arm-drive">
     <button class="hw-button arm-jog arm-need" type="button" data-turn="-1" aria-label="Jog ${name} down">−</button>
-    <div class="arm-slider" role="slider" tabindex="0" aria-label="${name}" aria-orientation="horizontal"
+    <div class="arm-slider arm-unknown" role="slider" tabindex="0" aria-label="${name}" aria-orientation="horizontal"
       aria-valuemin="${low}" aria-valuemax="${high}" aria-valuenow="0" aria-valuetext="unknown">
       <span class="arm-track"></span><span class="arm-aim" hidden></span><span class="arm-thumb"></span>
       <span class="arm-end arm-low">${low.replace("-", "−")}</span><span class="arm-end arm-high">${high.replace("-", "−")}</span>

@@ -40,10 +40,10 @@ export function mountCameras(page, button) {
     button.disabled = true;
     try {
       const there = (await hexwire.call("cameras")).map(({ name }) => STUDIO + name);
-      if (tiles.children.length >= MOST) page.tell("why", `there are ${MOST} cameras already: close one`);
+      if (tiles.children.length >= MOST) hexwire.say(`there are ${MOST} cameras already: close one`);
       else if (tiles.isConnected) await tile(page, tiles, there);
     } catch (error) {
-      page.tell("why", wordsOf(error));
+      hexwire.say(wordsOf(error));
     }
     button.disabled = false;
   };
@@ -112,7 +112,7 @@ async function tile(page, tiles, there) {
   });
   choice.addEventListener("change", () => show(choice.value).catch((error) => {
     end();
-    page.tell("why", wordsOf(error));
+    hexwire.say(wordsOf(error));
   }));
   // One that no tile shows yet; any if this computer has not said which there are.
   const shown = all(tiles, ":scope > *").map(({ dataset }) => dataset.device);

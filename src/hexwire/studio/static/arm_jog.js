@@ -4,8 +4,8 @@ which key that is.
 Owns what waits behind the present step, and the keys. Loaded after the first picture. Must not decide what may move: a step
 is planned and checked by the server like every motion. */
 
-import { capital, radians } from "./arm.js";
-import hexwire from "./live.js";
+import { radians } from "./arm.js";
+import hexwire, { capital } from "./live.js";
 import { node, within } from "./widgets.js";
 
 const MOST = 20; // clicks that may wait behind a step
@@ -66,7 +66,7 @@ export function mountSteps(page) {
       const why = await page.run(motion(key, far));
       // Only after an arrival: what waits behind a stop, a refusal or another motion is not done later.
       if (why !== "arrived") forget();
-      if (!FINE.includes(why)) page.tell("why", why);
+      if (!FINE.includes(why)) hexwire.say(why);
     }
     busy = false;
   };
@@ -78,7 +78,7 @@ export function mountSteps(page) {
   function press({ joint, axis, turn }) {
     const key = joint ?? axis ?? 0;
     if (clicks >= MOST) {
-      page.tell("why", `${MOST} steps wait already: this one was left out`);
+      hexwire.say(`${MOST} steps wait already: this one was left out`);
       return;
     }
     clicks += 1;
@@ -146,7 +146,7 @@ function mountKeys(page, press) {
     const mine = (held = { code });
     hexwire.hold(way.joint ? "joint" : "space", { ...jog, speed: page.speed }, { element: keys }).then((why) => {
       if (held === mine) held = null;
-      if (!FINE.includes(why)) page.tell("why", why);
+      if (!FINE.includes(why)) hexwire.say(why);
     });
   };
   const up = (/** @type {KeyboardEvent} */ event) => held && (event.code === held.code || event.key === "Shift") && hexwire.release();

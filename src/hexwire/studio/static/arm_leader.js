@@ -4,8 +4,8 @@ Owns the form, the table and the hold. Following lasts while this page is in sig
 the leader has no hand for a button. Loaded when the part is first chosen. Must not decide what may move: the server meets the
 leader slowly, checks each target, and ends it by itself. */
 
-import { capital, degrees, fixed, isRefused } from "./arm.js";
-import hexwire from "./live.js";
+import { degrees, fixed, isRefused } from "./arm.js";
+import hexwire, { capital } from "./live.js";
 import { node, put } from "./widgets.js";
 
 const NEAR = 1.5; // degrees at which a joint has met the leader's

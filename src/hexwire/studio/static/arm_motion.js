@@ -1,8 +1,8 @@
 /* Motions to a goal of the page Move: the form Go to, poses by name, and the gripper. Asks for a preview after each
 change, shows it, and begins the motion. Owns the fields and lists; the server plans, checks and keeps. */
 
-import { branchWords, capital, degrees, fixed, isRefused, radians, showPlan, tipValues } from "./arm.js";
-import { all, required } from "./live.js";
+import { branchWords, degrees, fixed, isRefused, radians, showPlan, tipValues } from "./arm.js";
+import hexwire, { all, capital, required } from "./live.js";
 import { html, node, whyOf } from "./widgets.js";
 
 /**
@@ -391,7 +391,7 @@ export function mountGripper(page) {
   const value = page.get("#arm-grip-value"), wanted = required(form, 'input[name="share"]', HTMLInputElement);
   const place = page.args.joints.findIndex((joint) => joint.name === jaws.joint);
   const set = (/** @type {number} */ share) => page.run({ what: "grip", share }).then((why) => {
-    if (!["arrived", "released", "ended"].includes(why)) page.tell("why", why);
+    if (!["arrived", "released", "ended"].includes(why)) hexwire.say(why);
   });
   for (const button of all(form, "[data-share]")) {
     button.addEventListener("click", () => set(Number(button.dataset.share)));

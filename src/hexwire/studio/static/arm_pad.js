@@ -4,8 +4,7 @@ Owns the mapping of sticks and buttons, which a person changes in a dialog and t
 dead-man button is a hold. Loaded when the switch is first used. Must not decide what may move: each jog is checked by the
 server, and ends there without signs of life. */
 
-import { capital } from "./arm.js";
-import hexwire from "./live.js";
+import hexwire, { capital } from "./live.js";
 import { node } from "./widgets.js";
 
 const SLACK = 0.15; // of a stick: it does not rest exactly in its middle
@@ -48,7 +47,7 @@ export function mountPad(page) {
   const say = (text, now) => {
     if (text === words && now - said < AGAIN) return;
     said = now;
-    page.tell("why", (words = text));
+    hexwire.say((words = text));
   };
   const letGo = () => mine && hexwire.release();
 
@@ -92,7 +91,7 @@ export function mountPad(page) {
       hexwire.hold(kind, args, { element: on }).then((why) => {
         if (mine === begun) mine = null;
         words = "";
-        if (!FINE.includes(why)) page.tell("why", why);
+        if (!FINE.includes(why)) hexwire.say(why);
       });
     }
   }

@@ -4,9 +4,9 @@ Owns the list and its run. A file is what `hexwire play` runs, too: degrees, mil
 page holds, planned and checked by the server like every other; so it ends when the page is hidden, and STOP voids what is left.
 Loaded when the part is first chosen. */
 
-import { capital, degrees, isRefused, radians } from "./arm.js";
+import { degrees, isRefused, radians } from "./arm.js";
 import { question } from "./forms.js";
-import hexwire, { all } from "./live.js";
+import hexwire, { all, capital } from "./live.js";
 import { node, within } from "./widgets.js";
 
 const KINDS = {

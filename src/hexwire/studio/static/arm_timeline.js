@@ -5,9 +5,9 @@ Owns what is chosen and where the cursor is, which shows a ghost of the arm and 
 page holds, planned and checked by the server like every other; so it ends when the page is hidden, and STOP voids the rounds that
 are left. A recording is changed by nothing but saving, as a new one unless somebody agrees to replace it. */
 
-import { capital, isRefused, showPlan } from "./arm.js";
+import { isRefused, showPlan } from "./arm.js";
 import { question } from "./forms.js";
-import hexwire from "./live.js";
+import hexwire, { capital } from "./live.js";
 import { fill, html, node } from "./widgets.js";
 
 const PAUSE = 150; // ms after the last change before a preview is asked for

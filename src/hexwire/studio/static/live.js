@@ -33,6 +33,7 @@ let number = 0;
 let stopConfirmed = 0;
 let stopsAsked = Math.floor(5e8 * Math.random()); // a copy of this page has other numbers
 let told = { text: "", until: 0, urgent: false };
+let hinted = { text: "", element: document.body }; // of the page that is shown
 let lasted = "";
 let seen = 0;
 let wasKnown = true;
@@ -103,6 +104,7 @@ const hexwire = {
   holdButton,
   stop,
   say,
+  hint,
   notify,
 };
 export default hexwire;
@@ -432,9 +434,21 @@ document.addEventListener(
  */
 function say(text, urgent = false) {
   if (told.urgent && !urgent && performance.now() < told.until) return;
-  told = { text, until: performance.now() + READ, urgent };
+  told = { text: capital(text), until: performance.now() + READ, urgent };
   header(hexwire.facts || NOTHING);
 }
+
+/**
+ * What a person has to do first, while an element is on the page and nothing else is to be said.
+ * @type {Hexwire["hint"]}
+ */
+function hint(text, element) {
+  if (hinted.text === text && hinted.element === element) return;
+  hinted = { text, element };
+  header(hexwire.facts || NOTHING);
+}
+
+export const capital = (/** @type {string} */ words) => words.charAt(0).toUpperCase() + words.slice(1);
 
 /**
  * @param {string} lasting
@@ -450,6 +464,8 @@ function banner(lasting, note) {
   const news = performance.now() < told.until ? told.text : "";
   const parts = told.urgent ? [news, lasting] : [lasting, news];
   const text = parts.filter(Boolean).join(". ") || note;
+  // Red is for what lasts until somebody does something about it.
+  element.dataset.level = lasting || (news && told.urgent) ? "error" : "warn";
   if (element.textContent === text) return;
   // What is said leads to where it is mended.
   const [words, page] = text.split(/(?=First run$)/);
@@ -483,7 +499,7 @@ function brief(facts, { arm, bus, link, known, mine }) {
   else if (!known) words = "not known now", level = "warn";
   else if (facts.stopped) words = "stopped", level = "error";
   else if (faults.length) words = faults.join("; "), level = "error";
-  else words = [`torque ${facts.torque}`, mine ? "in control" : facts.holder ? `${facts.holder} has control` : ""].filter(Boolean).join(" · ");
+  else words = [`torque ${facts.torque}`, !mine && facts.holder ? `${facts.holder} has control` : ""].filter(Boolean).join(" · ");
   for (const [id, text] of [["hw-name", name], ["hw-brief", words]]) {
     const element = required(document, `#${id}`);
     if (element.textContent !== text) element.textContent = element.title = text;
@@ -508,7 +524,7 @@ function show(name, so) {
 function since(facts) {
   const last = hexwire.heard ? 1000 * (facts.last ?? 0) : performance.timeOrigin + heard;
   if (!(last > 0)) return "";
-  return `What is grey is from ${new Date(last).toLocaleTimeString([], { hourCycle: "h23" })}. `;
+  return `. What is grey is from ${new Date(last).toLocaleTimeString([], { hourCycle: "h23" })}`;
 }
 
 /** @param {Facts} facts */
@@ -547,12 +563,14 @@ function header(facts) {
   show("limp", link && mine && facts.torque !== "off");
   document.body.classList.toggle("hw-stopped", arm && facts.stopped !== "");
   let lasting = "";
-  if (!link) lasting = since(facts) + "No connection to the studio. STOP will try another way; switch the arm's power off.";
-  else if (!hexwire.heard && since(facts)) lasting = since(facts) + "The studio does not answer. STOP will be tried; switch the arm's power off";
-  else if (arm && !facts.connected) lasting = since(facts) + `${bus ? "The servo bus cannot be read" : "The arm is not connected"}: ${facts.error}`;
-  else if (facts.mode === "arm" && !known) lasting = since(facts) + "The arm is silent: it may do anything. STOP will be tried";
+  // What to do comes first: on a phone, what is at the end may be out of sight.
+  if (!link) lasting = `No connection to the studio: switch the arm's power off. STOP will try another way${since(facts)}`;
+  else if (!hexwire.heard && since(facts)) lasting = `The studio does not answer: switch the arm's power off. STOP will be tried${since(facts)}`;
+  else if (arm && !facts.connected) lasting = `${bus ? "The servo bus cannot be read" : "The arm is not connected"}: ${facts.error}${since(facts)}`;
+  else if (facts.mode === "arm" && !known) lasting = `The arm is silent: it may do anything. STOP will be tried${since(facts)}`;
   else if (arm && facts.stopped) lasting = `Stopped: ${facts.stopped}`;
-  banner(lasting, facts.note || (facts.uncalibrated ? `The arm is ${facts.uncalibrated}; see First run` : ""));
+  const note = facts.note || (facts.uncalibrated ? `The arm is ${facts.uncalibrated}; see First run` : "");
+  banner(lasting, (facts.mode === "arm" && capital(facts.unready)) || note || (hinted.element.isConnected ? hinted.text : ""));
 }
 
 hexwire.onFacts(header);

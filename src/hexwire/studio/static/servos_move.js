@@ -3,7 +3,7 @@ joint does on the page Move, whose row this is; a bare one within its own limits
 
 Owns where the values of the row come from. Must not decide what may move: the server checks every hold and step. */
 
-import { capital, jointMarkup, makePage, mountRow, radians, stepsMarkup } from "./arm.js";
+import { jointMarkup, makePage, mountRow, radians, stepsMarkup } from "./arm.js";
 import { mountSteps } from "./arm_jog.js";
 import hexwire, { FLAG, required } from "./live.js";
 import { fill, html } from "./widgets.js";
@@ -61,15 +61,13 @@ function draw(view, place, joints, i) {
   const root = required(fill(place, html`<div class="arm-page sv-move"><div class="arm-bar">
     <label for="sv-speed">Speed</label><input id="sv-speed" type="range" min="1" max="100" value="30" step="1">
     <output for="sv-speed">30 %</output>${stepsMarkup("°")}</div>
-    <table class="arm-joints" aria-label="Move ${joint.name}"><tbody>${jointMarkup(joint)}</tbody></table>
-    <p class="arm-note" role="status"></p></div>`), ".sv-move");
+    <table class="arm-joints" aria-label="Move ${joint.name}"><tbody>${jointMarkup(joint)}</tbody></table></div>`), ".sv-move");
   const page = makePage(root, { joints }, view.opened);
-  const speed = page.get("#sv-speed", HTMLInputElement), note = page.get(".arm-note"), shown = page.get("output");
+  const speed = page.get("#sv-speed", HTMLInputElement), shown = page.get("output");
   speed.addEventListener("input", () => {
     page.speed = Number(speed.value) / 100;
     shown.textContent = `${speed.value} %`;
   });
-  page.on("why", (why) => (note.textContent = capital(why)));
   // Once what the row holds is known, too: a bare servo has other kinds of motion.
   queueMicrotask(() => {
     mountRow(page, page.get("tbody tr"), joint, i);
