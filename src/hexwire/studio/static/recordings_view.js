@@ -38,10 +38,10 @@ export function makeView(page, place) {
   /** @type {ViewState} */
   const state = { name: "", other: "", topic: "", data: null, plot: null, signals: ["position"], joints: [], names: null, align: "start", round: 0, played: null };
   const title = node("h2", { class: "rc-title", tabindex: -1 });
-  const topics = node("select", { class: "rc-select", hidden: true });
+  const topics = node("select", { hidden: true });
   topics.setAttribute("aria-label", "Arm in the recording");
-  const other = node("select", { class: "rc-select", id: "rc-other" });
-  const align = node("select", { class: "rc-select", id: "rc-align" }, new Option("both from their start", "start"),
+  const other = node("select", { id: "rc-other" });
+  const align = node("select", { id: "rc-align" }, new Option("both from their start", "start"),
     new Option("where they agree best", "best"));
   const aligned = node("span", { class: "rc-aligned" }, node("label", { for: "rc-align" }, "aligned"), align);
   const bar = node("div", { class: "rc-bar" }, topics, node("label", { for: "rc-other" }, "Compare with"), other, aligned);

@@ -71,7 +71,7 @@ class WirePage {
   });
   pauseButton = button("Pause", () => this.setPaused(!this.paused), { "aria-pressed": "false" });
   followBox = node("input", { type: "checkbox", checked: true });
-  seriesBox = node("select", { class: "hw-wire-input" });
+  seriesBox = node("select");
   fileBox = node("input", { type: "file", class: "hw-wire-file", "aria-label": "Open a recording, capture or log" });
   liveButton = button("Back to the line", () => this.backToLine(), { hidden: true });
   problem = node("span", { id: "hw-wire-problem", class: "hw-wire-error", role: "alert" });
