@@ -66,8 +66,8 @@ def plot(page: Page) -> Iterator[Page]:
         """async () => {
           const { Plot } = await import("/plot.js");
           const series = [
-            { name: "J1", quantity: "position", unit: "deg", colour: 0 },
-            { name: "J2", quantity: "position", unit: "deg", colour: 1 },
+            { name: "J1", quantity: "position", unit: "°", colour: 0 },
+            { name: "J2", quantity: "position", unit: "°", colour: 1 },
             { name: "J1 voltage", quantity: "voltage", unit: "V", colour: 0, dash: [4, 3] },
           ];
           window.plot = new Plot(document.getElementById("plot"), { title: "Arm", series, window: 20 });

@@ -43,7 +43,7 @@ def test_signals_of_joints_are_drawn_with_their_history_and_saved(page: Page, st
     assert "J3.position" not in head
     # A difference is saved as the two values that it is of, also alone.
     signals = page.get_by_role("group", name="Signals")
-    for name in ("position deg", "goal deg", "voltage V"):
+    for name in ("position °", "goal °", "voltage V"):
         signals.get_by_role("checkbox", name=name, exact=True).uncheck()
     signals.get_by_role("checkbox", name="goal − position").check()
     page.get_by_role("row", name="J4 goal − position").wait_for()

@@ -137,4 +137,4 @@ def test_a_wave_of_a_number_that_is_none_is_refused_in_words(served: RunningStud
         for amplitude, told in ((True, "true"), ("10", "the text '10'"), (None, "nothing")):
             said = ask("wave.check", args=wave | {"amplitude": amplitude})
             assert said == f"amplitude must be a number, not {told}"
-        assert "deg/s" in ask("wave.check", args=wave | {"amplitude": 10})
+        assert "°/s" in ask("wave.check", args=wave | {"amplitude": 10})

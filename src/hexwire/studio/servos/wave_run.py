@@ -53,7 +53,7 @@ def _check(asked: Asked, args: _Wave) -> str:
     _, wave = read_wave(args.args)
     if not math.isfinite(wave.fastest):
         return "steps, as fast as it can"
-    return f"fastest on the way: {math.degrees(wave.fastest):.0f} deg/s"
+    return f"fastest on the way: {math.degrees(wave.fastest):.0f} °/s"
 
 
 def read_wave(args: Mapping[str, object]) -> tuple[int, Wave]:

@@ -1,6 +1,6 @@
 // A plot of values over time, as every page of the studio shows it.
 //
-//   const plot = new Plot(element, { title: "Positions", series: [{ name: "J1", unit: "deg", colour: 0 }] });
+//   const plot = new Plot(element, { title: "Positions", series: [{ name: "J1", unit: "°", colour: 0 }] });
 //   plot.append(t, [12.5]);          // a live row: seconds, and a value for each series (NaN or null: unknown)
 //   plot.set([times, values, ...]);  // all rows at once
 //

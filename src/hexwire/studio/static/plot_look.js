@@ -114,9 +114,9 @@ export function onTheme(changed) {
 }
 
 /** @type {Record<string, number>} */
-const DIGITS = { deg: 2, "deg/s": 1, "%": 1, V: 2, A: 3, "°C": 1, Hz: 1, ms: 2, s: 3, mm: 1, "": 2 };
+const DIGITS = { "°": 2, "°/s": 1, "%": 1, V: 2, A: 3, "°C": 1, Hz: 1, ms: 2, s: 3, mm: 1, "": 2 };
 /** @type {Record<string, number>} */
-const LEAST = { deg: 1, "deg/s": 2, "%": 4, V: 0.4, A: 0.05, "°C": 2, Hz: 2, ms: 0.2, mm: 1 };
+const LEAST = { "°": 1, "°/s": 2, "%": 4, V: 0.4, A: 0.05, "°C": 2, Hz: 2, ms: 0.2, mm: 1 };
 
 /**
  * Decimals with which values of a unit are written.

@@ -286,6 +286,6 @@ export function makePlayer(page, place, view, shown, moved) {
         if (Math.abs(off) > worst) { worst = Math.abs(off); where = name; }
       });
     }
-    return count ? `off the recording by ${(DEG * Math.sqrt(sum / count)).toFixed(2)} deg RMS, at most ${(DEG * worst).toFixed(2)} deg (${where})` : "";
+    return count ? `off the recording by ${(DEG * Math.sqrt(sum / count)).toFixed(2)} ° RMS, at most ${(DEG * worst).toFixed(2)} ° (${where})` : "";
   }
 }

@@ -177,7 +177,7 @@ export function makeView(page, place) {
       if (!state.joints.includes(joint)) return;
       const i = colourOf(joint, place);
       if (state.other) {
-        const base = { colour: i, unit: "deg" };
+        const base = { colour: i, unit: "°" };
         found.push([{ ...base, name: `${joint} of the first`, quantity: "position" }, scaled(data.columns.get(`${joint}.first`))]);
         found.push([{ ...base, name: `${joint} of the second`, quantity: "position", dash: [5, 3] }, scaled(data.columns.get(`${joint}.second`))]);
         found.push([{ ...base, name: `${joint} second − first`, quantity: "difference", panel: "difference" }, scaled(data.columns.get(`${joint}.difference`))]);
@@ -188,7 +188,7 @@ export function makeView(page, place) {
         if (values) found.push([jointSeries(joint, i, signal), values]);
       }
       const played = state.played?.get(joint);
-      if (played) found.push([{ colour: i, unit: "deg", name: `${joint} played`, quantity: "position", dash: [2, 2] }, scaled(played)]);
+      if (played) found.push([{ colour: i, unit: "°", name: `${joint} played`, quantity: "position", dash: [2, 2] }, scaled(played)]);
     });
     return found;
   }
@@ -227,7 +227,7 @@ export function makeView(page, place) {
     const later = Math.abs(lag) < 0.0005 ? "" : `; the second one was ${Math.abs(lag).toFixed(3)} s ${lag > 0 ? "later" : "earlier"}`;
     figures.replaceChildren(node("table", { class: "rc-table" },
       node("caption", {}, `Second minus first${later}`),
-      node("thead", {}, node("tr", {}, ...["joint", "RMS, deg", "greatest, deg", "at, s"].map((one) => node("th", { scope: "col" }, one)))),
+      node("thead", {}, node("tr", {}, ...["joint", "RMS, °", "greatest, °", "at, s"].map((one) => node("th", { scope: "col" }, one)))),
       node("tbody", {}, ...joints.map((one) => node("tr", {}, node("th", { scope: "row" }, one.name),
         node("td", {}, text(one.rms)), node("td", {}, text(one.largest)),
         node("td", {}, one.at === null ? "–" : one.at.toFixed(2)))))));

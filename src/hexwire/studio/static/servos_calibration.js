@@ -92,7 +92,7 @@ export async function calibration(view, place, servo) {
 export function showRanges(element, rows) {
   if (element.querySelectorAll("tbody tr").length !== rows.length) {
     const bar = html`<span class="sv-range"><span></span><i></i></span>`;
-    fill(element, table("Ranges", ["Joint", "#Min deg", "#Now deg", "#Max deg", "Range", "Missing"], rows.map(({ name }) => [name, "", "", "", bar, ""])));
+    fill(element, table("Ranges", ["Joint", "#Min °", "#Now °", "#Max °", "Range", "Missing"], rows.map(({ name }) => [name, "", "", "", bar, ""])));
   }
   const lines = all(element, "tbody tr", HTMLTableRowElement);
   rows.forEach((one, i) => {

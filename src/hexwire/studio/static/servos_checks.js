@@ -174,7 +174,7 @@ export async function wave(view, place, servo) {
   const box = node("div", { class: "sv-plot" }), result = node("div", { class: "sv-result", role: "status" });
   place.append(
     ...section("Wave", "The servo moves to both sides of where it stands while you hold the button, and returns at the end. If you release it earlier, the servo holds where it is."),
-    form(field("Shape", shape), field("To either side, deg", amplitude), field("Period, s", period), lastField, field("Duration, s", seconds)),
+    form(field("Shape", shape), field("To either side, °", amplitude), field("Period, s", period), lastField, field("Duration, s", seconds)),
     told, row(hold), node("div", { class: "sv-wave" }, box, result));
   const wanted = () => ({
     servo, shape: shape.value, amplitude: valueOf(amplitude), period: valueOf(period), seconds: valueOf(seconds), last_period: valueOf(last),
@@ -197,8 +197,8 @@ export async function wave(view, place, servo) {
   const plot = new Plot(box, {
     title: "Goal and position", window: 10, keep: 620, height: 260, fileName: "wave",
     series: [
-      { name: "goal", unit: "deg", colour: 1, dash: [6, 4] },
-      { name: "position", unit: "deg", colour: 0 },
+      { name: "goal", unit: "°", colour: 1, dash: [6, 4] },
+      { name: "position", unit: "°", colour: 0 },
       { name: "load", unit: "%", colour: 3 },
     ],
   });
@@ -227,11 +227,11 @@ export async function wave(view, place, servo) {
  */
 function figures(result, end, message) {
   const words = message.samples
-    ? `${end}: ${message.samples} samples, ${message.missed} missing, largest error ${number(message.off ?? null, 2)} deg`
+    ? `${end}: ${message.samples} samples, ${message.missed} missing, largest error ${number(message.off ?? null, 2)} °`
     : end;
   result.replaceChildren(hint(words));
   if (!message.steps?.length) return;
-  const head = ["#Step at s", "#deg", "#Delay ms", "#Rise ms", "#Overshoot %", "#Settled ms", "#Steady error deg"];
+  const head = ["#Step at s", "#°", "#Delay ms", "#Rise ms", "#Overshoot %", "#Settled ms", "#Steady error °"];
   const rows = message.steps.map((s) => [
     number(s.at, 2), number(s.size, 1), number(s.delay, 0), number(s.rise, 0), number(s.overshoot, 1), number(s.settled, 0), number(s.steady_error, 2),
   ]);

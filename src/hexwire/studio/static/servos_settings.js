@@ -93,14 +93,17 @@ export function fits(one, shown) {
   return shown === "all" || one.differs.includes(shown);
 }
 
+/** Units as on every page. */
+const inWords = (/** @type {string} */ text) => text.replace("deg", "°");
+
 /** @param {Register} one */
 export function cells(one) {
   const words = [one.note, one.words].filter(Boolean).join("; ");
-  const marked = (/** @type {"factory" | "backup"} */ name) => (one.differs.includes(name) ? html`<mark title="different">${one[name]} ≠</mark>` : one[name]);
+  const marked = (/** @type {"factory" | "backup"} */ name) => (one.differs.includes(name) ? html`<mark title="different">${inWords(one[name])} ≠</mark>` : inWords(one[name]));
   return [
     html`<span title="${words}">${one.name}</span>${one.words && html`<span class="sv-note">${words}</span>`}`,
     one.value,
-    one.unit,
+    inWords(one.unit),
     one.why_not
       ? html`<span class="sv-why" title="${one.why_not}" tabindex="0" role="note" aria-label="${one.why_not}">–</span>`
       : html`<button type="button" class="hw-button sv-small" data-register="${one.name}" aria-label="Edit ${one.name}">Edit</button>`,
@@ -113,7 +116,7 @@ export function cells(one) {
  * @param {Register} one
  */
 function ask(one) {
-  const unit = choice([...(one.unit ? [/** @type {const} */ (["unit", one.unit])] : []), ["raw", "raw count"]]);
+  const unit = choice([...(one.unit ? [/** @type {const} */ (["unit", inWords(one.unit)])] : []), ["raw", "raw count"]]);
   const text = node("input", { maxlength: 40, autofocus: true });
   const told = hint("");
   const tell = () => {

@@ -11,10 +11,10 @@ export const DEG = 180 / Math.PI;
 
 /** @type {JointSignal[]} */
 export const JOINT_SIGNALS = [
-  { key: "position", words: "position", unit: "deg", factor: DEG },
-  { key: "goal", words: "goal", unit: "deg", factor: DEG, dash: [5, 3] },
-  { key: "error", words: "goal − position", unit: "deg", factor: DEG, panel: "error" },
-  { key: "velocity", words: "velocity", unit: "deg/s", factor: DEG },
+  { key: "position", words: "position", unit: "°", factor: DEG },
+  { key: "goal", words: "goal", unit: "°", factor: DEG, dash: [5, 3] },
+  { key: "error", words: "goal − position", unit: "°", factor: DEG, panel: "error" },
+  { key: "velocity", words: "velocity", unit: "°/s", factor: DEG },
   { key: "load", words: "load", unit: "%", factor: 100 },
   { key: "current", words: "current", unit: "A", factor: 1 },
   { key: "voltage", words: "voltage", unit: "V", factor: 1 },
