@@ -40,11 +40,11 @@ def test_a_port_is_shown_with_its_obstacle_and_an_arm_is_opened(
         page.get_by_role("link", name="Servos", exact=True).click()
         expect(page.get_by_label("Port or address of the adapter")).to_have_value("/dev/ttyUSB7")
         page.get_by_text("drives the arm to its middle pose: keep clear").wait_for()
-        page.get_by_role("link", name="Arms", exact=True).click()
+        page.get_by_role("navigation").get_by_role("link", name="Arms", exact=True).click()
         page.get_by_role("button", name="Open sim://so101", exact=True).click()
         page.wait_for_url("**/move")
         page.locator("#hw-name", has_text="so101").wait_for()
-        page.get_by_role("link", name="Arms", exact=True).click()
+        page.get_by_role("navigation").get_by_role("link", name="Arms", exact=True).click()
         page.get_by_role("button", name="Close what is open").click()
         page.get_by_text("Nothing is open.").wait_for()
         assert served.studio.source.mode == "none"

@@ -355,6 +355,7 @@ export function mountPoses(page) {
   const show = (/** @type {Pose[]} */ poses) => {
     const rows = poses.map(({ name, saved }) => {
       const row = node("li", {}, node("span", { class: "arm-pose-name", title: name }, name));
+      if (!saved) row.append(node("span", { class: "arm-note" }, name === "home" ? "the middle of every joint" : "from the settings"));
       row.append(button("Go", `Go to ${name}`, () => go(name), WHOLE), button("Show", `Preview ${name}`, () => preview(name), ""));
       if (saved) {
         row.append(
@@ -362,8 +363,6 @@ export function mountPoses(page) {
           button("Rename", `Rename ${name}`, () => rename(row, name)),
           button("Remove", `Remove ${name}`, twice(() => change("arm.remove_pose", { name }, `${name} is removed.`), "Sure?")),
         );
-      } else {
-        row.append(node("span", { class: "arm-note" }, name === "home" ? "the middle of every joint" : "from the settings"));
       }
       return row;
     });
@@ -453,7 +452,7 @@ function placeMarkup(five) {
       <label><input type="checkbox" name="relative"> from the present tip</label>
       <label><input type="checkbox" name="straight"> on a straight line</label>
     </div>
-    <div class="arm-fields">
+    <div class="hw-row">
       <label class="arm-field arm-long"><span>The tool</span><select name="aim">
         <option value="arm">keeps its angle to the arm</option><option value="space">keeps its direction</option>
         <option value="down">points straight down</option>

@@ -55,7 +55,7 @@ class FleetPage {
     this.refusal = node("p", { class: "hw-fleet-error", role: "alert", hidden: true });
     this.results = node("ul", { class: "hw-fleet-results", "aria-live": "assertive", "aria-label": "Results of the last stop" });
     this.table = node("table", { class: "hw-fleet-table", hidden: true },
-      node("thead", {}, node("tr", {}, ...HEAD.map((text) => node("th", { scope: "col" }, text || node("span", { class: "hw-fleet-hidden" }, "Actions"))))),
+      node("thead", {}, node("tr", {}, ...HEAD.map((text) => node("th", { scope: "col" }, text || node("span", { class: "hw-hidden" }, "Actions"))))),
       this.body);
     // What is told has a place of its own: no button must move by it.
     bar.replaceChildren(this.stopAll, node("div", { class: "hw-fleet-told" }, this.summary, this.results, this.refusal, this.problem));

@@ -53,11 +53,12 @@ export async function mount(element) {
   exports.prepend(node("span", {}, "Save:"));
   exports.append(node("label", {}, whole, " all ten minutes"));
 
-  hexwire.onHello((model) => model.joints.length ? begin(model) : end("No arm is open."), element);
+  const nothing = () => end("No arm is open. Open one on ", node("a", { href: "/" }, "Arms"), ".");
+  hexwire.onHello((model) => model.joints.length ? begin(model) : nothing(), element);
   hexwire.onFrame((frame) => add(frame), element);
   hexwire.onLink((there) => there && state.model.length && refill(), element);
-  if (!hexwire.model.joints.length) end(hexwire.facts && hexwire.facts.mode === "bus"
-    ? "A bare servo bus is open: its values are on the page Servos." : "No arm is open. Open one on the page Arms.");
+  if (!hexwire.model.joints.length && hexwire.facts?.mode === "bus") end("A bare servo bus is open: its values are on ", node("a", { href: "/servos" }, "Servos"), ".");
+  else if (!hexwire.model.joints.length) nothing();
   let tall = window.innerHeight;
   const gone = setInterval(() => {
     if (element.isConnected) {
@@ -69,14 +70,14 @@ export async function mount(element) {
     state.plot?.destroy();
   }, 1000);
 
-  /** @param {string} text */
-  function end(text) {
+  /** @param {(string | Node)[]} words */
+  function end(...words) {
     state.model = [];
     state.plot?.destroy();
     state.plot = null;
     pick.replaceChildren();
     exports.hidden = true;
-    note.textContent = text;
+    note.replaceChildren(...words);
   }
 
   /** @param {Hello} model */

@@ -47,7 +47,7 @@ export async function mount(element, args) {
   const body = node("tbody", {}, empty("Reading the folder …"));
   const table = node("table", { class: "rc-list" },
     node("caption", {}, "Recordings, newest first"),
-    node("thead", {}, node("tr", {}, ...["Recording", "Recorded", "Robot", "Duration", "States", "Size", "State", "Actions"].map(
+    node("thead", {}, node("tr", {}, ...["Recording", "Recorded", "Robot", "Duration", "States", "Size", "File", "Actions"].map(
       (text) => node("th", { scope: "col" }, text)))), body);
   const frame = node("div", { class: "rc-scroll" }, table);
   const place = node("div", { class: "rc-view" });

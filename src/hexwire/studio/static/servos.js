@@ -51,7 +51,7 @@ export async function mount(element, { operates }) {
  * @param {boolean} operates
  */
 async function closed(element, facts, operates) {
-  element.append(hint("Nothing is open. Open the adapter of a servo bus here, or an arm on the page Arms."));
+  element.append(node("p", { class: "sv-hint" }, "Nothing is open. Open the adapter of a servo bus here, or an arm on ", node("a", { href: "/" }, "Arms"), "."));
   const warning = hint("");
   // What could not be opened as an arm may be a bus of servos that are none yet.
   const url = node("input", { value: facts.refused, maxlength: 200 });
