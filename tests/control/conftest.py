@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import pytest
 
-from hexwire.control.loop.outcomes import Ended
-from hexwire.control.loop.waiting import Waiter
+from hexwire.control.motion.motion_run import MotionRun
 
 
-class _PatientWaiter(Waiter):
-    def wait(self, timeout: float) -> Ended:
+class _PatientRun(MotionRun):
+    def wait(self, timeout: float) -> None:
         # Less is a test of what becomes of a request that nobody serves.
-        return super().wait(600.0 if timeout >= 1.0 else timeout)
+        super().wait(600.0 if timeout >= 1.0 else timeout)
 
 
 @pytest.fixture(autouse=True)
 def _an_owner_that_is_slow_has_not_failed(monkeypatch: pytest.MonkeyPatch) -> None:
     """The controllers judge the arrival, in simulated time; the limit of a request in real time is for none."""
-    monkeypatch.setattr("hexwire.control.requests.controlled_arm.Waiter", _PatientWaiter)
+    monkeypatch.setattr("hexwire.control.requests.controlled_arm.MotionRun", _PatientRun)

@@ -85,14 +85,15 @@ def test_every_refusal_has_a_reason() -> None:
     assert caught.value.reason == Reason.NOT_READY
 
 
-def test_cancel_by_name() -> None:
+def test_who_cancels_ends_only_its_own_goal() -> None:
     bench = make_bench(controllers=SPLIT)
     (whole,) = order((2.0, {"J1": J1 + 0.5})).points
     told = bench.command(TrajectoryGoal(NAMES[:6], (Point(2.0, whole.positions[:6]),)), "arm")
+    other = bench.command(TrajectoryGoal(("J7",), (Point(2.0, (HOME["J7"] + 0.2,)),)), "hand")
     bench.turn(0.5)
-    bench.arm.cancel("hand", told)
-    assert told.ends == []
-    bench.arm.cancel("arm", told)
+    bench.owner.group.cancel(other)
+    assert (told.ends, other.outcome) == ([], CANCELLED)
+    bench.owner.group.cancel(told)
     assert told.outcome == CANCELLED
 
 

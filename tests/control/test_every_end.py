@@ -75,7 +75,7 @@ def worst(rows: list[tuple[float, ...]], joints: Sequence[JointModel]) -> float:
 
 
 ENDS: dict[str, Callable[[Ending], object]] = {
-    "cancelled": lambda bench: bench.bench.arm.cancel("", bench.told),
+    "cancelled": lambda bench: bench.bench.owner.group.cancel(bench.told),
     "held": lambda bench: bench.bench.arm.hold("", "a test"),
     "an empty trajectory": lambda bench: bench.bench.arm.command("", order(), listener=None),
     "its program is silent": lambda bench: None,

@@ -5,43 +5,51 @@ from __future__ import annotations
 import itertools
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.control.shared_bench import SharedBench
 from tests.motion.arms import HOME, state
+from tests.waits import PATIENCE
 
-from hexwire.control.loop.outcomes import Outcome
-from hexwire.control.requests.motion_run import MotionRun, begin_motion
-from hexwire.control.requests.preview import Planner, Preview
+from hexwire.control.loop.outcomes import Ended, Outcome, Reason
+from hexwire.control.motion.motion_run import MotionRun
+from hexwire.control.requests.motion_service import MotionService
+from hexwire.control.requests.pose_file import PoseFile
 from hexwire.control.sharing.lease import Lease
 from hexwire.control.sharing.shared import Order
 from hexwire.drivers.tools import Gripper
-from hexwire.errors import GoalError, LeaseError
+from hexwire.errors import GoalError, LeaseError, UsageError
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.teach import Taught
 
 J1 = HOME["J1"]
 SPLIT = {"arm": {"joints": ["J1", "J2", "J3", "J4", "J5", "J6"]}, "hand": {"joints": ["J7"]}}
 
 
+def joints(goals: Mapping[str, float], **how: object) -> dict[str, object]:
+    return {"what": "joints", "goals": goals, **how}
+
+
 class RunBench(SharedBench):
     """Somebody has the lease and begins motions."""
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, folder: Path = Path("nowhere"), **options: Any) -> None:
         super().__init__(lease=Lease(timeout=1000.0), **options)
-        self.planner = Planner(self.bench.arm)
+        self.motions = MotionService(self.shared, PoseFile(HEX7BOT, folder))
         self.key = self.take()
         self.over: list[MotionRun] = []
 
     def orders(self) -> Order:
         return self.order(self.key)
 
-    def begin(self, make: Callable[[], Preview], **options: Any) -> MotionRun:
-        return begin_motion(self.shared, self.orders, "a motion", make, on_end=self.over.append, **options)
+    def begin(self, args: Mapping[str, object], **options: Any) -> MotionRun:
+        return self.motions.begin(self.orders, args, on_end=self.over.append, **options)
 
     def go(self, joint: str = "J1", by: float = 0.8, **options: Any) -> MotionRun:
-        return self.begin(lambda: self.planner.to_joints({joint: HOME[joint] + by}), **options)
+        return self.begin(joints({joint: HOME[joint] + by}), **options)
 
     def until(self, run: MotionRun, seconds: float = 20.0) -> None:
         self.bench.until(lambda: run.over or self._gripping(), seconds)
@@ -75,7 +83,7 @@ def test_it_arrives_and_says_so_once(bench: RunBench) -> None:
 def test_it_says_how_far_off_the_joints_are(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hexwire.control.loop.controller.off_goal", lambda names, *_: f"{names[-1]} 0.6 deg off")
     bench = RunBench(controllers=SPLIT)
-    run = bench.begin(lambda: bench.planner.to_joints({"J1": J1 + 0.3, "J7": HOME["J7"] + 0.3}))
+    run = bench.begin(joints({"J1": J1 + 0.3, "J7": HOME["J7"] + 0.3}))
     bench.until(run)
     progress = run.progress()
     assert (progress.outcome, progress.text) == (Outcome.SUCCEEDED, "")
@@ -84,7 +92,7 @@ def test_it_says_how_far_off_the_joints_are(monkeypatch: pytest.MonkeyPatch) -> 
 
 @pytest.mark.slow
 def test_progress_rises_with_the_motion(bench: RunBench) -> None:
-    run = bench.begin(lambda: bench.planner.to_joints({"J1": J1 + 0.8}, speed=0.1))
+    run = bench.begin(joints({"J1": J1 + 0.8}, speed=0.1))
     bench.turn(0.2)
     seen, begin = [run.progress().elapsed], bench.clock.time
     for _ in range(8):
@@ -92,7 +100,7 @@ def test_progress_rises_with_the_motion(bench: RunBench) -> None:
         seen.append(run.progress().elapsed)
     assert seen == sorted(seen)
     assert seen[-1] - seen[0] == pytest.approx(bench.clock.time - begin, abs=0.01)
-    assert run.progress().title == "a motion"
+    assert run.progress().title.startswith("a motion to J1 ")
 
 
 def test_ended_it_holds_at_once(bench: RunBench) -> None:
@@ -154,7 +162,7 @@ def test_a_new_one_replaces_it(bench: RunBench) -> None:
     first = bench.go()
     bench.turn(0.5)
     second = bench.go(by=-0.3)
-    assert first.progress().text == "replaced by a motion"
+    assert first.progress().text == f"replaced by {second.progress().title}"
     bench.until(second)
     assert bench.where("J1") == pytest.approx(J1 - 0.3, abs=0.02)
     assert bench.over == [first, second]
@@ -208,7 +216,7 @@ def test_a_lost_lease_ends_it(bench: RunBench) -> None:
 
 def test_a_motion_to_where_the_arm_is_succeeds_at_once(bench: RunBench) -> None:
     here = bench.owner.newest().positions["J1"]
-    run = bench.begin(lambda: bench.planner.to_joints({"J1": here}))
+    run = bench.begin(joints({"J1": here}))
     assert run.progress().outcome is Outcome.SUCCEEDED
     assert bench.over == [run]
 
@@ -216,7 +224,7 @@ def test_a_motion_to_where_the_arm_is_succeeds_at_once(bench: RunBench) -> None:
 def test_all_controllers_move_and_it_ends_with_the_last() -> None:
     bench = RunBench(controllers=SPLIT)
     goals = {"J1": J1 + 0.6, "J7": HOME["J7"] + 0.2}
-    run = bench.begin(lambda: bench.planner.to_joints(goals))
+    run = bench.begin(joints(goals))
     bench.until(run)
     assert run.progress().outcome is Outcome.SUCCEEDED
     assert (bench.where("J1"), bench.where("J7")) == pytest.approx(tuple(goals.values()), abs=0.02)
@@ -224,7 +232,7 @@ def test_all_controllers_move_and_it_ends_with_the_last() -> None:
 
 def test_if_one_controller_fails_the_others_stop_too() -> None:
     bench = RunBench(controllers=SPLIT)
-    run = bench.begin(lambda: bench.planner.to_joints({"J1": J1 + 0.8, "J7": HOME["J7"] + 0.5}))
+    run = bench.begin(joints({"J1": J1 + 0.8, "J7": HOME["J7"] + 0.5}))
     bench.turn(0.4)
     bench.bench.arm.hold("hand", "somebody else moves it")
     assert run.progress().text == "somebody else moves it"
@@ -238,7 +246,7 @@ def test_if_one_controller_fails_the_others_stop_too() -> None:
 @pytest.mark.slow
 def test_a_taught_motion_has_a_lead_in(bench: RunBench) -> None:
     wave = Taught(("J1",), (0.0, 1.0, 2.0), ((J1 + 0.4,), (J1 + 0.7,), (J1 + 0.1,)))
-    run = bench.begin(lambda: bench.planner.along(wave))
+    run = bench.begin({"what": "play"}, taught=wave)
     lead = run.progress().lead_in
     assert lead > 0.3
     bench.turn(lead + 1.0)
@@ -247,13 +255,78 @@ def test_a_taught_motion_has_a_lead_in(bench: RunBench) -> None:
     assert bench.where("J1") == pytest.approx(J1 + 0.1, abs=0.02)
 
 
+# -- whoever waits for it ------------------------------------------------------------------------------------
+
+DONE = Ended(Outcome.SUCCEEDED, Reason.REACHED)
+STOPPED = Ended(Outcome.ABORTED, Reason.STOPPED, "stopped: it burns")
+REPLACED = Ended(Outcome.PREEMPTED, Reason.REPLACED)
+
+
+def begun(bench: RunBench, goals: int) -> MotionRun:
+    run = MotionRun(bench.owner, bench.bench.arm.controllers.values(), on_end=bench.over.append)
+    run.begin(goals, lambda: None)
+    return run
+
+
+def test_all_must_succeed(bench: RunBench) -> None:
+    run = begun(bench, 2)
+    run.ended(DONE)
+    assert not run.over
+    run.ended(DONE)
+    run.wait(0.0)
+    assert bench.over == [run]
+
+
+def test_what_the_goals_say_that_succeeded(bench: RunBench) -> None:
+    run = begun(bench, 3)
+    for text in ("J2 0.6 deg off", "", "J7 1.0 deg off"):
+        run.ended(Ended(Outcome.SUCCEEDED, Reason.REACHED, text))
+    assert run.off == ("J2 0.6 deg off", "J7 1.0 deg off")
+
+
+def test_the_first_that_fails_ends_the_wait(bench: RunBench) -> None:
+    run = begun(bench, 3)
+    run.ended(STOPPED)
+    with pytest.raises(UsageError, match=r"^stopped: it burns$"):
+        run.wait(0.0)
+    run.ended(REPLACED)
+    run.ended(DONE)
+    assert (run.outcome, bench.over) == (Outcome.ABORTED, [run])
+
+
+def test_an_end_without_words(bench: RunBench) -> None:
+    run = begun(bench, 1)
+    run.ended(REPLACED)
+    with pytest.raises(UsageError, match=r"^preempted$"):
+        run.wait(0.0)
+
+
+def test_one_that_nobody_waits_for_any_longer_holds(bench: RunBench) -> None:
+    run = bench.go()
+    bench.turn(0.5)
+    with pytest.raises(UsageError, match=r"^not arrived after 0 s; the arm holds$"):
+        run.wait(0.0)
+    assert run.over
+    bench.turn(0.3)
+    stood = bench.where("J1")
+    bench.turn(1.0)
+    assert bench.where("J1") == pytest.approx(stood, abs=0.005)
+    assert stood < J1 + 0.55
+
+
+def test_another_thread_ends_the_wait(bench: RunBench) -> None:
+    run = begun(bench, 1)
+    timer = threading.Timer(0.01, run.ended, (DONE,))
+    timer.start()
+    run.wait(PATIENCE)
+    timer.join()
+
+
 # -- the gripper ---------------------------------------------------------------------------------------------
 
 
 def grip(bench: RunBench, share: float) -> MotionRun:
-    gripper = Gripper(bench.robot)
-    goals = {gripper.joint.name: gripper.angle(share)}
-    return bench.begin(lambda: bench.planner.to_joints(goals), grip=share)
+    return bench.begin({"what": "grip", "share": share})
 
 
 @pytest.mark.slow

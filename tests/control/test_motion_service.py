@@ -12,8 +12,6 @@ from tests.control.test_motion_run import RunBench
 from tests.motion.arms import HOME
 
 from hexwire.control.loop.outcomes import Outcome
-from hexwire.control.requests.motion_service import MotionService
-from hexwire.control.requests.pose_file import PoseFile
 from hexwire.errors import ConfigError, GoalError, HexwireError, LeaseError, UsageError
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 
@@ -22,8 +20,7 @@ J1 = HOME["J1"]
 
 class DeskBench(RunBench):
     def __init__(self, folder: Path, **options: Any) -> None:
-        super().__init__(poses=POSES, **options)
-        self.motions = MotionService(self.shared, PoseFile(HEX7BOT, folder))
+        super().__init__(folder, poses=POSES, **options)
 
     def do(self, **args: Any) -> Outcome | None:
         """Begin a motion, wait for its end; returns its outcome."""

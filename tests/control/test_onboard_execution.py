@@ -133,7 +133,7 @@ def test_torque_that_is_on_can_be_switched_on_while_the_board_comes_to_rest() ->
     bench = Timed()
     told = bench.go(by=1.0, seconds=4.0)
     bench.turn(1.5)
-    bench.arm.cancel("", told)
+    bench.owner.group.cancel(told)
     bench.turn(0.05)
     assert bench.state is PathState.RUNNING
     assert bench.ask(lambda: bench.arm.enable(True)) == "torque is on"
@@ -211,7 +211,7 @@ def test_a_cancelled_goal_comes_to_rest_on_its_path() -> None:
     told = bench.go(by=0.8)
     bench.turn(1.0)
     here = at(bench)
-    bench.arm.cancel("", told)
+    bench.owner.group.cancel(told)
     assert told.outcome == CANCELLED
     bench.turn(0.4)
     stood = at(bench)
@@ -256,7 +256,7 @@ def test_a_goal_that_is_cancelled_before_its_time_moves_nothing(before: float) -
     points, place = order((1.0, {"J1": J1 + 0.5})).points, at(bench)
     told = bench.command(TrajectoryGoal(NAMES, points, delay=0.7))
     bench.turn(0.7 - before)
-    bench.arm.cancel("", told)
+    bench.owner.group.cancel(told)
     bench.turn(1.5)
     assert told.outcome == CANCELLED
     assert at(bench) == pytest.approx(place, abs=0.003)

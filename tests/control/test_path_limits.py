@@ -119,7 +119,7 @@ def test_a_path_ends_within_all_limits_however_it_ends(
     assert bench.state is PathState.RUNNING
     since = bench.clock.time
     if how == "cancelled":
-        bench.arm.cancel("", told)
+        bench.owner.group.cancel(told)
         bench.turn(1.5)
     elif how == "held":
         bench.ask(lambda: bench.owner.settle("a jog was begun"))

@@ -13,7 +13,7 @@ import pytest
 from tests.studio.running import until
 
 from hexwire.control.loop.known_state import KNOWN_FOR
-from hexwire.control.requests import motion_run
+from hexwire.control.motion import motion_run
 from hexwire.errors import UsageError
 from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
 from hexwire.studio.access import Right

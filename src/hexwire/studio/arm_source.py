@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from hexwire.bus.backup import ServoBackup
     from hexwire.bus.registers import Edit
     from hexwire.control.motion.held_following import HeldFollowing
-    from hexwire.control.requests.motion_run import MotionRun
+    from hexwire.control.motion.motion_run import MotionRun
     from hexwire.control.sharing.lease import Grant
     from hexwire.drivers.base import RobotDriver
     from hexwire.epochs import Token

@@ -7,28 +7,27 @@ Must not know pages or files.
 from __future__ import annotations
 
 import logging
+import math
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from hexwire.control.loop.outcomes import Outcome
 from hexwire.control.requests.controlled_arm import ControlledArm
 from hexwire.control.requests.history import History
-from hexwire.control.requests.motion_run import begin_motion
-from hexwire.control.requests.preview import Planner
+from hexwire.control.requests.motion_service import MotionService
+from hexwire.control.requests.pose_file import PoseFile
 from hexwire.control.requests.setting import Faults
 from hexwire.control.requests.settings_reader import read_settings
 from hexwire.control.sharing.lease import Lease
 from hexwire.control.sharing.shared import Order, SharedArm
 from hexwire.errors import HexwireError, UsageError
 from hexwire.model.arms import simulated_arms
-from hexwire.motion.teach import Edits
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from hexwire.control.requests.motion_run import MotionRun
-    from hexwire.control.requests.preview import Preview
+    from hexwire.control.motion.motion_run import MotionRun
     from hexwire.model.state import JointState, SentTarget
     from hexwire.motion.teach import Taught
 
@@ -79,8 +78,8 @@ class Twin:
     def __init__(self) -> None:
         self.history: History | None = None
         self._lock = threading.Lock()
-        self._state = TwinState()
-        self._run: MotionRun | None = None
+        # The newest motion; without a run before the first, and after a failure.
+        self._played: tuple[TwinState, MotionRun | None] = TwinState(), None
         self._why = ""
         self._over = threading.Event()
         self._thread: threading.Thread | None = None
@@ -88,18 +87,19 @@ class Twin:
     @property
     def state(self) -> TwinState:
         """How far it is."""
-        state, run = self._state, self._run
-        if not state.running or run is None:
+        state, run = self._played
+        if run is None:
             return state
         progress = run.progress()
-        return TwinState(
-            state.robot,
-            state.title,
-            True,
-            progress.elapsed,
-            progress.duration,
-            progress.lead_in,
-            state.began,
+        running = progress.outcome is None
+        return replace(
+            state,
+            running=running,
+            elapsed=progress.elapsed,
+            duration=progress.duration,
+            lead_in=progress.lead_in,
+            ended="" if running else progress.text or "arrived",
+            arrived=progress.outcome is Outcome.SUCCEEDED,
         )
 
     @property
@@ -140,11 +140,12 @@ class Twin:
                 raise UsageError("the twin is moving; stop it first")
             self._over.clear()
             self._why = ""
+            part = {"begin": begin, "end": end if math.isfinite(end) else None, "factor": factor}
             begun = threading.Event()
             failed: list[BaseException] = []
             self._thread = threading.Thread(
                 target=self._live,
-                args=(robot, title, make, (begin, end, factor), settings or {}, begun, failed),
+                args=(robot, title, make, part, settings or {}, begun, failed),
                 name="twin",
                 daemon=True,
             )
@@ -169,7 +170,7 @@ class Twin:
         robot: str,
         title: str,
         make: Callable[[tuple[str, ...]], Taught],
-        part: tuple[float, float, float],
+        part: Mapping[str, object],
         given: Mapping[str, object],
         begun: threading.Event,
         failed: list[BaseException],
@@ -203,7 +204,7 @@ class Twin:
                 _log.exception("the twin failed")
         finally:
             if failed and begun.is_set():
-                self._state = TwinState(robot, title, ended=f"failed: {failed[0]}")
+                self._played = TwinState(robot, title, ended=f"failed: {failed[0]}"), None
             begun.set()
 
     def _move(
@@ -212,7 +213,7 @@ class Twin:
         history: History,
         title: str,
         make: Callable[[tuple[str, ...]], Taught],
-        part: tuple[float, float, float],
+        part: Mapping[str, object],
         begun: threading.Event,
     ) -> None:
         shared = SharedArm(arm, Lease(timeout=3600.0))
@@ -227,32 +228,16 @@ class Twin:
 
             shared.torque(order(), True, None)
             taught = make(arm.settings.model.names)
-            planner = Planner(arm)
-            begin, end, factor = part
-
-            def plan() -> Preview:
-                return planner.along(taught, Edits(begin, end), factor=factor)
+            motions = MotionService(shared, PoseFile(arm.settings.model))
 
             def ended(run: MotionRun) -> None:
                 self._over.set()
 
-            self._run = run = begin_motion(shared, order, title, plan, on_end=ended)
+            run = motions.begin(order, {"what": "play", **part}, on_end=ended, taught=taught)
             self.history = history
-            self._state = TwinState(robot, title, True, began=arm.owner.now())
+            self._played = TwinState(robot, title, began=arm.owner.now()), run
             begun.set()
             self._over.wait()
             run.end(self._why or "ended")
-            last = run.progress()
-            self._state = TwinState(
-                robot,
-                title,
-                False,
-                last.elapsed,
-                last.duration,
-                last.lead_in,
-                self._state.began,
-                last.text or "arrived",
-                last.outcome is Outcome.SUCCEEDED,
-            )
         finally:
             shared.shutdown()

@@ -68,6 +68,9 @@ class Controller(Protocol):
     def release(self, why: str) -> None:
         """Forget the set-points, since the joints are no longer held."""
 
+    def cancel(self, listener: GoalListener) -> None:
+        """Hold, if the active goal is this listener's."""
+
     def take_ended(self) -> list[tuple[GoalListener, Ended]]:
         """Goals that have ended since the last call."""
 
@@ -82,6 +85,9 @@ class Goalless:
 
     def reset(self) -> None:
         """Do nothing: an ended motion does not continue."""
+
+    def cancel(self, listener: GoalListener) -> None:
+        """There are no goals."""
 
     def take_ended(self) -> list[tuple[GoalListener, Ended]]:
         """There are no goals."""
@@ -299,6 +305,13 @@ class ControllerGroup:
                 self._forget()
         self.deliver()
         return frozenset(name for joints in braking for name in joints)
+
+    def cancel(self, listener: GoalListener) -> None:
+        """Have each controller hold whose active goal is this listener's."""
+        with self.lock:
+            for controller in self.members:
+                controller.cancel(listener)
+        self.deliver()
 
     def deliver(self) -> None:
         """Notify the listeners of ended goals; without the lock, since a listener may take other locks."""

@@ -14,15 +14,17 @@ from hexwire.motion.limits import check_target, smooth_duration
 
 from ..loop.target import TargetController
 from .arrival import Tolerance
+from .goals import Point, TrajectoryGoal
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.arm import JointModel
     from hexwire.model.state import JointState
 
+    from ..loop.controller import TrajectoryController
     from .arrival import Deviation
 
-__all__ = ["GRACE", "MOST_SECONDS", "Closing", "JawsMeanwhile", "jaw_tolerance"]
+__all__ = ["GRACE", "MOST_SECONDS", "Closing", "JawsMeanwhile", "jaw_tolerance", "relieved"]
 
 MOST_SECONDS = 0.8
 """Seconds from closed to open."""
@@ -37,6 +39,9 @@ _PRESSING = 0.1
 """Successive states and seconds in which the jaws press: the start of the motion takes effort too."""
 _STILL = math.radians(0.3)
 """How far the jaws may move meanwhile: a board's states need not have a velocity that would show it."""
+
+_UNHURRIED = 3.0
+"""The time of a relief over the shortest at the greatest speed: it begins while the joint is planned to close."""
 
 
 def jaw_tolerance(joint: JointModel) -> Tolerance:
@@ -77,6 +82,26 @@ class Closing:
         self._pressed += 1
         self.holds = self._pressed >= _PRESSED and state.stamp - self._since >= _PRESSING
         return self.holds
+
+
+def relieved(gripper: Gripper, controller: TrajectoryController, state: JointState, now: float) -> TrajectoryGoal:
+    """The goal with which jaws that have met an object hold it with little force.
+
+    Args:
+        gripper: The gripper.
+        controller: Moves its joint, among others; the caller has the controllers' lock.
+        state: Where the jaws are.
+        now: Seconds.
+    """
+    target, joint = gripper.grasp(state), gripper.joint
+    here = dict(zip(controller.joints, controller.start(0.0, state, now).position, strict=True))
+    # The time of the point counts from now, and the robot may have what comes before that.
+    wait = max(0.0, controller.generator.next_start(now) - now)
+    goal = here | dict(target.positions)
+    seconds = wait + max(target.duration, _UNHURRIED * abs(goal[joint.name] - here[joint.name]) / joint.max_speed)
+    rest = (0.0,) * len(goal)
+    point = Point(seconds, tuple(goal.values()), rest, rest)
+    return TrajectoryGoal(controller.joints, (point,), gives_way=True)
 
 
 class JawsMeanwhile:

@@ -42,7 +42,6 @@ from ..loop.owner import RobotOwner
 from ..loop.power import NOT_LATCHED, give_torque, what_helps
 from ..loop.reader import position_unknown, read_known, read_state
 from ..loop.target import TargetController, holding
-from ..loop.waiting import Waiter
 from ..requests.settings import ControllerSettings
 from .arrival import Tolerance
 from .board_path_feeder import ENDED_BY_OTHERS, BoardPathFeeder
@@ -50,6 +49,7 @@ from .goals import Tolerances
 from .jaws import GRACE, MOST_SECONDS, Closing, JawsMeanwhile, jaw_tolerance
 from .motion_options import MotionObserver, MotionOptions, wanted_options
 from .motion_result import MotionResult
+from .motion_run import MotionRun
 from .path_check import CheckedPath
 from .rest import come_to_rest
 
@@ -183,13 +183,7 @@ class Execution:
                 # Stopped before it began: `stopped` has the reason.
                 if owner.group.reason is not None:
                     break
-                waiter = Waiter()
-                tolerances = last if leg is legs[-1] else none
-                with owner.locked():
-                    begins = owner.now() if self._feeder is None else self._feeder.origin
-                    controller.follow(leg, owner.newest(), begins, listener=waiter, tolerances=tolerances)
-                end = self._turn(owner, waiter.is_over, owner.group.stop)
-                arrived = waiter.end is not None and waiter.end.outcome is Outcome.SUCCEEDED
+                arrived, end = self._follow(owner, controller, leg, last if leg is legs[-1] else none)
                 if not arrived:
                     break
             self._come_to_rest(owner, abort=bool(end) or not arrived)
@@ -369,6 +363,21 @@ class Execution:
             helps = NOT_LATCHED if self._limp else what_helps(self._robot, state)
             raise StoppedError("the motion", Status.STOPPED, f"{reason}; {helps}")
         self._observer.started(owner.timing)
+
+    def _follow(
+        self, owner: RobotOwner, controller: TrajectoryController, leg: Trajectory, tolerances: Tolerances
+    ) -> tuple[bool, JointTarget | Literal[True] | None]:
+        """Follow one trajectory to its end; returns whether it has arrived, and what `_turn` returns."""
+        run = MotionRun(owner, (controller,))
+
+        def begin() -> None:
+            with owner.locked():
+                begins = owner.now() if self._feeder is None else self._feeder.origin
+                controller.follow(leg, owner.newest(), begins, listener=run, tolerances=tolerances)
+
+        run.begin(1, begin)
+        end = self._turn(owner, lambda: run.over, owner.group.stop)
+        return run.outcome is Outcome.SUCCEEDED, end
 
     def _turn(
         self,

@@ -168,7 +168,7 @@ class ClientGoals(Generic[_C]):
         if goal is not None:
             # Before the call of the arm, since the goal may still be in its path check.
             goal.cancelled = True
-            self._arm.cancel(controller, goal)
+            self._arm.owner.group.cancel(goal)
 
     def _begin(self, goal: ClientGoal[_C], read: Callable[[], ClientRequest]) -> None:
         try:

@@ -28,7 +28,8 @@ from ..loop.outcomes import Reason
 from ..loop.owner import RobotOwner
 from ..loop.power import Torques, switch_torque
 from ..loop.rate import Periodic
-from ..loop.waiting import TryLock, Waiter
+from ..loop.waiting import TryLock
+from ..motion.motion_run import MotionRun
 from ..motion.path_check import PathCheck
 from .diagnostics import RobotFacts
 from .pose_file import find_pose
@@ -331,13 +332,6 @@ class ControlledArm:
             self.controllers[name].hold(why)
         self.owner.group.deliver()
 
-    def cancel(self, name: str | None, listener: GoalListener) -> None:
-        """Hold, if the active goal is this listener's; each controller of which it is, if none is named."""
-        with self.owner.locked():
-            for controller in self.controllers.values() if name is None else (self.controllers[name],):
-                controller.cancel(listener)
-        self.owner.group.deliver()
-
     def set_points(
         self,
         positions: Mapping[str, float],
@@ -585,19 +579,18 @@ class ControlledArm:
         for key, path in paths.items():
             meanwhile = [*others, *(other for other in paths.values() if other is not path)]
             self.controllers[key].check_path(path, state, meanwhile)
-        waiter = Waiter(len(paths))
-        try:
+        run = MotionRun(owner, self.controllers.values())
+
+        def begin() -> None:
             with owner.locked():
                 self._refuse_void(asked)
                 for key, path in paths.items():
                     tolerances = self.controllers[key].settings.tolerances
                     tolerances = replace(tolerances, goal_time=tolerances.goal_time or _GRACE)
-                    self.controllers[key].follow(path, state, owner.now(), listener=waiter, tolerances=tolerances)
+                    self.controllers[key].follow(path, state, owner.now(), listener=run, tolerances=tolerances)
             owner.hurry()
             owner.group.deliver()
-            # The controllers check the arrival; this timeout is for an owner that has failed.
-            waiter.wait(max(path.duration for path in paths.values()) + 2.0 * _GRACE)
-            return waiter.off
-        finally:
-            # If one fails, or the wait was interrupted, the others must not continue.
-            self.cancel(None, waiter)
+
+        run.begin(len(paths), begin)
+        run.wait(max(path.duration for path in paths.values()) + 2.0 * _GRACE)
+        return run.off

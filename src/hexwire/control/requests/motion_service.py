@@ -25,27 +25,33 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from hexwire.errors import UsageError
+from hexwire.drivers.tools import Gripper
+from hexwire.errors import GoalError, UsageError
 from hexwire.inputs import Item
 from hexwire.model.aim import Aim
 from hexwire.model.gripper import Jaws, jaws_of
 from hexwire.motion.teach import Edits
 from hexwire.units import decimal
 
+from ..loop.outcomes import Reason
 from ..motion.hold_to_run import SILENCE
+from ..motion.jaws import Closing, relieved
+from ..motion.motion_run import MotionRun, RunProgress
 from ..motion.via import Place
-from .motion_run import MotionRun, begin_motion
 from .pose_file import HOME, PoseFile, find_pose, home_pose, without_gripper
-from .preview import Planner
+from .preview import Planner, goal_of
 
 if TYPE_CHECKING:
     from hexwire.model.pose import Vector
+    from hexwire.model.state import JointState
     from hexwire.motion.teach import Taught
+    from hexwire.motion.trajectory import Trajectory
 
+    from ..motion.goals import TrajectoryGoal
     from ..sharing.shared import Order, SharedArm
-    from .motion_run import RunProgress
     from .preview import Preview
 
 __all__ = ["NOTHING_TAUGHT", "MotionRequest", "MotionService", "PoseRow", "read_motion"]
@@ -192,6 +198,16 @@ _NAMED = 2
 """Most joints that the title of a motion names."""
 
 
+def _moves(goal: TrajectoryGoal, path: Trajectory) -> bool:
+    """Whether a goal leads anywhere but to where its joints are at the start of the path."""
+    start = dict(zip(path.names, path.start, strict=True))
+    return any(
+        value != start[name]
+        for point in goal.points
+        for name, value in zip(goal.names, point.positions, strict=True)
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class PoseRow:
     """A pose.
@@ -266,15 +282,15 @@ class MotionService:
         on_end: Callable[[MotionRun], object] = lambda run: None,
         taught: Taught | None = None,
     ) -> MotionRun:
-        """Begin a motion; a running one is replaced.
+        """Plan a motion from where the arm is now, and begin it; a running one is replaced.
 
         Args:
-            orders: As for `begin_motion`.
+            orders: Makes an order of whoever begins it; called for the beginning itself, and for each controller.
             args: As for `preview`.
-            wanted: As for `begin_motion`.
-            age: As for `begin_motion`.
-            silence: As for `begin_motion`.
-            on_end: As for `begin_motion`.
+            wanted: Asked right before it begins, since planning takes time.
+            age: As for `MotionRun`.
+            silence: As for `MotionRun`.
+            on_end: As for `MotionRun`.
             taught: As for `preview`.
 
         Raises:
@@ -283,18 +299,44 @@ class MotionService:
             HexwireError: As `preview`.
         """
         request = read_motion(args)
-        self._run = run = begin_motion(
-            self._shared,
-            orders,
-            self._title(request) if taught is None else "a recording",
-            lambda: self.plan(request, taught),
-            grip=request.share if request.what == "grip" else None,
-            wanted=wanted,
+        title = self._title(request) if taught is None else "a recording"
+        arm, owner = self._arm, self._arm.owner
+        self._shared.admit(orders())
+        for name in arm.controllers:
+            arm.hold(name, f"replaced by {title}")
+        plan = self.plan(request, taught)
+        path = plan.require()
+        if not wanted():
+            raise GoalError("released before it began", reason=Reason.CANCELLED)
+        goals = {name: goal_of(path, controller.joints) for name, controller in arm.controllers.items()}
+        moving = {name: goal for name, goal in goals.items() if _moves(goal, path)}
+        grips = moving and request.what == "grip"
+
+        def begin() -> None:
+            for name, goal in moving.items():
+                self._shared.follow(orders(), name, goal, run)
+
+        run = MotionRun(
+            owner,
+            arm.controllers.values(),
+            RunProgress(title, duration=plan.duration, lead_in=plan.lead_in),
+            closing=Closing(Gripper(owner.robot), request.share, owner.newest()) if grips else None,
+            relieve=partial(self._relieve, orders),
             age=age,
             silence=silence,
             on_end=on_end,
         )
+        run.begin(len(moving), begin)
+        self._run = run
         return run
+
+    def _relieve(self, orders: Callable[[], Order], gripper: Gripper, state: JointState) -> None:
+        owner = self._arm.owner
+        for name, controller in self._arm.controllers.items():
+            if gripper.joint.name in controller.joints:
+                with owner.locked():
+                    relief = relieved(gripper, controller, state, owner.now())
+                self._shared.follow(orders(), name, relief, None)
 
     # -- poses and teaching -----------------------------------------------------------------------------
 

@@ -238,7 +238,7 @@ class SharedGoals:
         self._shared.admit(order)
         one = self._newest
         if one is not None and one.report.number == number:
-            self._arm.cancel(None, one)
+            self._arm.owner.group.cancel(one)
 
     def report(self, number: int) -> GoalReport | None:
         """What became of a trajectory; None unless it is the newest one."""
@@ -257,7 +257,7 @@ class SharedGoals:
             if late:
                 one.off = _UNCONFIRMED
         if late:
-            self._arm.cancel(None, one)
+            self._arm.owner.group.cancel(one)
 
     def _is_late(self, one: _Goal) -> bool:
         """Whether it must not begin, since nobody has confirmed it in time. Under the lock."""
