@@ -42,7 +42,6 @@ from .group import ControllerGroup
 from .known_state import LatestState
 from .output import Output
 from .reader import StateReader, check_joints
-from .waiting import join_or_abort
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -57,7 +56,7 @@ if TYPE_CHECKING:
     from .known_state import KnownState
     from .loop import RateLoop
 
-__all__ = ["QueuedCalls", "RobotOwner", "claim", "release", "voided_by_stop"]
+__all__ = ["QueuedCalls", "RobotOwner", "claim", "join_or_abort", "release", "voided_by_stop"]
 
 # By the robot's `id`, which stays the robot's as long as its owner exists, since the owner refers to it.
 _owners: WeakValueDictionary[int, object] = WeakValueDictionary()
@@ -160,8 +159,32 @@ class QueuedCalls:
                 future.set_exception(error)
 
 
-_log = logging.getLogger(__name__)
+_ABORTS = 20
+"""How often a blocking operation is aborted."""
 
+
+def join_or_abort(thread: threading.Thread, patience: float, abort: Callable[[], object], more: float) -> bool:
+    """Wait for a thread to end; if it does not, abort its blocking operation.
+
+    Args:
+        thread: The thread.
+        patience: Seconds to wait first.
+        abort: Aborts the operation. Called repeatedly, since the thread may be about to start another one.
+        more: Seconds to wait while aborting.
+
+    Returns:
+        Whether the thread has ended.
+    """
+    thread.join(patience)
+    for _ in range(_ABORTS):
+        if not thread.is_alive():
+            return True
+        abort()
+        thread.join(more / _ABORTS)
+    return not thread.is_alive()
+
+
+_log = logging.getLogger(__name__)
 
 _RETRY = 0.5
 """Seconds between two attempts to reconnect."""

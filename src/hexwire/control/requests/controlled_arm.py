@@ -11,7 +11,8 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -28,7 +29,6 @@ from ..loop.outcomes import Reason
 from ..loop.owner import RobotOwner
 from ..loop.power import Torques, switch_torque
 from ..loop.rate import Periodic
-from ..loop.waiting import TryLock
 from ..motion.motion_run import MotionRun
 from ..motion.path_check import PathCheck
 from .diagnostics import RobotFacts
@@ -449,7 +449,7 @@ class ControlledArm:
         """
         asked = self.mark() if asked is None else asked
         goals = find_pose(self.settings.model, self.settings.poses, pose)
-        with TryLock(self._busy):
+        with self._alone():
             off = self._move_to(goals, f"replaced by a motion to {pose}", asked)
         return ", ".join((f"at {pose}", *off))
 
@@ -463,7 +463,7 @@ class ControlledArm:
             HexwireError: As `TeachMode.start`, or the arm is busy.
         """
         names = self._all_joints()
-        with TryLock(self._busy):
+        with self._alone():
             if asked is not None:
                 self._refuse_void(asked)
             self.teach_mode.start(names)
@@ -475,7 +475,7 @@ class ControlledArm:
         Raises:
             HexwireError: As `TeachMode.stop`, or the arm is busy.
         """
-        with TryLock(self._busy):
+        with self._alone():
             return self.teach_mode.stop()
 
     def teach_play(self, asked: Token | None = None) -> str:
@@ -491,7 +491,7 @@ class ControlledArm:
         taught = self.teach_mode.taught
         if taught is None:
             raise UsageError("nothing was taught since the start")
-        with TryLock(self._busy):
+        with self._alone():
             first = dict(zip(taught.names, taught.rows[0], strict=True))
             self._move_to(first, "replaced by the taught motion", asked)
             off = self._run({key: taught.part(c.joints).trajectory() for key, c in self.controllers.items()}, asked)
@@ -530,6 +530,16 @@ class ControlledArm:
         return own if counters is None else own | counters.host_counters()
 
     # -- helpers --------------------------------------------------------------------------------------
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        """Have the arm for a long request; it is refused while another one has it."""
+        if not self._busy.acquire(blocking=False):
+            raise UsageError("the arm is busy with another request; wait, or stop it")
+        try:
+            yield
+        finally:
+            self._busy.release()
 
     def _meanwhile(self, names: Collection[str], when: float) -> list[Trajectory]:
         """What remains of the other controllers' trajectories at a time."""

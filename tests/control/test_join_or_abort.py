@@ -4,23 +4,7 @@ import threading
 
 import pytest
 
-from hexwire.control.loop.waiting import TryLock, join_or_abort
-from hexwire.errors import UsageError
-
-
-def test_one_at_a_time() -> None:
-    lock = threading.Lock()
-    with TryLock(lock), pytest.raises(UsageError, match="busy with another request"), TryLock(lock):
-        raise AssertionError("two at once")
-    assert not lock.locked()
-
-
-def test_a_failure_gives_the_arm_free() -> None:
-    lock = threading.Lock()
-    with pytest.raises(ZeroDivisionError), TryLock(lock):
-        raise ZeroDivisionError
-    with TryLock(lock):
-        assert lock.locked()
+from hexwire.control.loop.owner import join_or_abort
 
 
 @pytest.mark.parametrize("calls", [1, 3])
