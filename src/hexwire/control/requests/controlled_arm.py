@@ -11,10 +11,9 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 from hexwire.drivers.abilities import Counters
@@ -49,67 +48,12 @@ if TYPE_CHECKING:
     from ..motion.goals import Tolerances, TrajectoryGoal
     from .settings import Settings
 
-__all__ = ["ControlledArm", "begin", "logging_states"]
+__all__ = ["ControlledArm", "logging_states"]
 
 _TRIES = 3
 """How often a way is planned without the lock while the motion that it leads out of goes on; then with it."""
 _LONGEST = 0.2
 """Seconds by which a goal may begin later, so that it is planned before that."""
-
-
-def begin(
-    owner: RobotOwner,
-    controller: TrajectoryController,
-    plan: Plan,
-    end: tuple[GoalListener | None, Tolerances | None],
-    *,
-    meanwhile: Callable[[float], Sequence[Trajectory]],
-    refuse: Callable[[], object],
-    accepting: Callable[[], object],
-) -> None:
-    """Have a controller accept a goal whose path was checked.
-
-    Args:
-        owner: Of the robot.
-        controller: Of the joints.
-        plan: Of the goal.
-        end: Listener and tolerances, as in `TrajectoryController.accept`.
-        meanwhile: Returns what other controllers do from a time on; called with the lock held.
-        refuse: Raises the error with which the goal is refused by now; likewise.
-        accepting: Called right before it is accepted; likewise.
-
-    Raises:
-        HexwireError: It is refused; the previous motion goes on.
-    """
-    listener, tolerances = end
-    generator, streamed = controller.generator, listener is None
-    for i in range(_TRIES + 1):
-        with owner.locked():
-            refuse()
-            state, now = owner.newest(), owner.now()
-            soonest = generator.next_start(now)
-            waits = plan.goal.delay > 0.0 and plan.due > soonest
-            # What gives way needs no way, and must begin at once.
-            if i == _TRIES or waits or plan.goal.gives_way:
-                accepting()
-                controller.accept(
-                    plan, state, now, listener=listener, tolerances=tolerances, meanwhile=meanwhile(soonest)
-                )
-                return
-            # What follows set-points is where they will be, which nobody knows.
-            later = min(_LONGEST, 2.0 * controller.planning) if generator.mode is not Mode.STREAM else 0.0
-            begins = soonest + (later if not generator.done or streamed else 0.0)
-            outline = controller.outline(plan, state, now, begins, meanwhile(begins), streamed=streamed)
-        ready = controller.prepare(outline)
-        with owner.locked():
-            refuse()
-            state, done = owner.newest(), owner.now()
-            controller.planning = done - now
-            if controller.is_current(ready, done):
-                accepting()
-                controller.accept(plan, state, done, listener=listener, tolerances=tolerances, ready=ready)
-                return
-
 
 _log = logging.getLogger(__name__)
 
@@ -300,14 +244,61 @@ class ControlledArm:
                 if not wanted():
                     raise GoalError("cancelled before it began", reason=Reason.CANCELLED)
 
-            others_at, end = partial(self._meanwhile, [name]), (listener, tolerances)
-            begin(owner, controller, plan, end, meanwhile=others_at, refuse=refuse, accepting=accepting)
+            self._begin(name, plan, listener, tolerances, refuse, accepting)
         except GoalError:
             raise
         except HexwireError as error:
             raise GoalError(str(error), reason=Reason.NOT_READY) from None
         owner.hurry()
         owner.group.deliver()
+
+    def _begin(
+        self,
+        name: str,
+        plan: Plan,
+        listener: GoalListener | None,
+        tolerances: Tolerances | None,
+        refuse: Callable[[], object],
+        accepting: Callable[[], object],
+    ) -> None:
+        """Have a controller accept a goal whose path was checked; what was begun before goes on if it is refused.
+
+        Args:
+            name: Name of the controller.
+            plan: Of the goal.
+            listener: As in `command`.
+            tolerances: As in `command`.
+            refuse: Raises the error with which the goal is refused by now; called with the lock held.
+            accepting: As in `command`.
+        """
+        owner, controller, streamed = self.owner, self.controllers[name], listener is None
+        generator = controller.generator
+        for i in range(_TRIES + 1):
+            with owner.locked():
+                refuse()
+                state, now = owner.newest(), owner.now()
+                soonest = generator.next_start(now)
+                waits = plan.goal.delay > 0.0 and plan.due > soonest
+                # What gives way needs no way, and must begin at once.
+                if i == _TRIES or waits or plan.goal.gives_way:
+                    accepting()
+                    others = self._meanwhile([name], soonest)
+                    controller.accept(plan, state, now, listener=listener, tolerances=tolerances, meanwhile=others)
+                    return
+                # What follows set-points is where they will be, which nobody knows.
+                later = min(_LONGEST, 2.0 * controller.planning) if generator.mode is not Mode.STREAM else 0.0
+                begins = soonest + (later if not generator.done or streamed else 0.0)
+                others = self._meanwhile([name], begins)
+                outline = controller.outline(plan, state, now, begins, others, streamed=streamed)
+            ready = controller.prepare(outline)
+            with owner.locked():
+                refuse()
+                state, done = owner.newest(), owner.now()
+                controller.planning = done - now
+                if controller.is_current(ready, done):
+                    accepting()
+                    controller.accept(plan, state, done, listener=listener, tolerances=tolerances, ready=ready)
+                    return
 
     def query(self, name: str, delay: float) -> Sample:
         """Desired state of a controller's joints in `delay` seconds; see `TrajectoryController.query`.
@@ -466,7 +457,7 @@ class ControlledArm:
         with self._alone():
             if asked is not None:
                 self._refuse_void(asked)
-            self.teach_mode.start(names)
+            self.teach_mode.hand.start(names)
         return f"teaching {', '.join(names)}; they have no torque"
 
     def teach_stop(self) -> str:

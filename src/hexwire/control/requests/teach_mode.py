@@ -454,7 +454,7 @@ def _turn_guided(owner: RobotOwner) -> None:
 
 
 class TeachMode:
-    """Teach mode of an arm. Any thread may call these; `start` and `stop` one at a time.
+    """Teach mode of an arm. Any thread may call these; `hand.start` and `stop` one at a time.
 
     Args:
         owner: Owner of the robot.
@@ -463,7 +463,7 @@ class TeachMode:
 
     Attributes:
         taught: The last recording, or None.
-        hand: The hand guiding, which has the lock for torque.
+        hand: The hand guiding, which begins it, and has the lock for torque.
     """
 
     def __init__(self, owner: RobotOwner, folder: str, on_taught: Callable[[Taught], object]) -> None:
@@ -471,10 +471,6 @@ class TeachMode:
         self._owner, self._folder, self._on_taught = owner, folder, on_taught
         self._teacher = Teacher()
         self.hand = HandGuiding(owner, self._teacher)
-
-    def start(self, names: Sequence[str]) -> None:
-        """As `HandGuiding.start`."""
-        self.hand.start(names)
 
     def stop(self) -> str:
         """End teach mode; its joints hold their present position, also those that had no torque before.
