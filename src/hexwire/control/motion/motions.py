@@ -147,17 +147,12 @@ class Execution:
         # The paths are checked, but not the way from the arm to the first one.
         kept = ControllerSettings("", names, True, none), robot.model, limits
         controller = TrajectoryController(*kept, check=options.checks(robot))
-        arrived, reason, end = False, None, None
-
-        def was_sent(sent: SentTarget) -> None:
-            if jaws is not None:
-                jaws.was_sent(sent)
-
+        arrived, end = False, None
         # The server of a shared arm follows a path as its goal, which a target for the gripper would end.
         timed = robot.can(OnboardPaths) and not options.host_timed and (jaws is None or robot.can(RefilledPaths))
         # And with it, it holds the joints that are not on the path.
         driven = every if not timed or robot.can(RefilledPaths) else robot.model.names
-        with self._owned(was_sent) as owner:
+        with self._owned() if jaws is None else self._owned(jaws.was_sent) as owner:
             powered = self._give_torque(driven, read_state(robot))
             self._start(owner, controller)
             if timed and owner.group.reason is None:
@@ -194,8 +189,7 @@ class Execution:
                 arrived = arrived and (jaws.holds or jaws.controller.arrived)
                 off, without_torque = (*off, *jaws.off), jaws.without_torque
             braking = [controller] if jaws is None or jaws.over else [controller, jaws.controller]
-            if end and not (end is True and self._feeder is None and brake_at_end(owner, *braking)):
-                reason = self._end_at(owner, end, every)
+            reason = self._end_at(owner, end, every, *braking)
             controller.hold("it is over")
             if jaws is not None:
                 jaws.controller.release("it is over")
@@ -284,9 +278,7 @@ class Execution:
                 controller.go()
             end = self._turn(owner, lambda: controller.over, ended)
             self._come_to_rest(owner, abort=not controller.arrived)
-            reason = None
-            if end and not (end is True and brake_at_end(owner, controller)):
-                reason = self._end_at(owner, end, goal)
+            reason = self._end_at(owner, end, goal, controller)
             controller.release("it is over")
             return MotionResult(
                 controller.arrived,
@@ -410,13 +402,25 @@ class Execution:
         return None
 
     def _end_at(
-        self, owner: RobotOwner, end: JointTarget | Literal[True], joints: Collection[str]
+        self,
+        owner: RobotOwner,
+        end: JointTarget | Literal[True] | None,
+        joints: Collection[str],
+        *controllers: TrajectoryController | TargetController,
     ) -> StopReason | None:
-        """Send what replaces an ended motion; returns the reason if the arm is stopped.
+        """Brake what `until` has ended, or send what replaces it; returns the reason if the arm is stopped.
+
+        Args:
+            owner: Of the robot.
+            end: As `_turn` returned it.
+            joints: That have moved.
+            *controllers: That move them, target by target.
 
         Raises:
             LimitError: The path to a target is not allowed; the joints are held instead.
         """
+        if not end or (end is True and self._feeder is None and brake_at_end(owner, *controllers)):
+            return None
         robot = self._robot
         state = owner.state or read_state(robot)
         # Otherwise the robot completes what was sent: all of a target, or more than a second with dialect 1.
