@@ -199,6 +199,16 @@ def test_cameras_of_the_browser_are_tiles_and_are_off_when_nobody_sees_them(
     tiles.first.get_by_role("button", name="Close this camera").click()
     operator.evaluate("late()")
     operator.wait_for_function("tracks.map((track) => track.readyState).join() === 'ended,ended'")
+    # However long the person takes to allow a camera, its tile shows it.
+    operator.clock.install()
+    operator.evaluate("window.late = null")
+    operator.get_by_role("button", name="Camera", exact=True).click()
+    operator.wait_for_function("late !== null")
+    operator.clock.run_for(5000)
+    operator.evaluate("late()")
+    expect(tiles).to_have_count(1)
+    expect(tiles.locator("video")).to_have_count(1)
+    operator.clock.resume()
     # A page without TLS on another computer has no cameras, and says what helps.
     operator.evaluate("Object.defineProperty(navigator, 'mediaDevices', { value: undefined })")
     operator.get_by_role("button", name="Camera", exact=True).click()

@@ -65,7 +65,7 @@ async function tile(page, tiles, there) {
   const box = node("figure", { class: "arm-camera-tile" }, node("figcaption", {}, choice, share, said, close));
   /** @type {Camera | null} */
   let camera = null;
-  let turn = 0;
+  let turn = 0, watch = 0;
   const end = () => {
     turn += 1;
     clearInterval(watch);
@@ -101,7 +101,6 @@ async function tile(page, tiles, there) {
       ...(await devices()).map(({ deviceId, label }, i) => option(deviceId, label || `camera ${i + 1}`, here)),
     );
   };
-  const watch = setInterval(() => box.isConnected || end(), 1000);
   close.addEventListener("click", end);
   shared.addEventListener("change", () => {
     said.textContent = "";
@@ -123,8 +122,10 @@ async function tile(page, tiles, there) {
     end();
     throw error;
   }
-  if (tiles.isConnected) tiles.append(box);
-  else end();
+  if (!tiles.isConnected) return end();
+  tiles.append(box);
+  // Not before: the person may take as long as they like to allow a camera, and some take seconds to open.
+  watch = setInterval(() => box.isConnected || end(), 1000);
 }
 
 /** @type {(value: string, text: string, here: string) => HTMLOptionElement} */
