@@ -47,6 +47,17 @@ def test_a_paced_line_delivers_ten_bits_a_byte_exactly() -> None:
     assert line.next_time() is None
 
 
+def test_what_was_put_in_together_can_be_taken_only_as_a_whole() -> None:
+    line = PacedLine(115200)
+    byte = 10 / 115200
+    line.put(b"frame", 0.0)
+    line.put(b"next", 0.0)
+    assert line.take(4 * byte, whole=True) == b""
+    assert line.take(5 * byte, whole=True) == b"frame"
+    assert line.take(8 * byte, whole=True) == b""
+    assert line.take(9 * byte, whole=True) == b"next"
+
+
 def test_an_unpaced_line_costs_nothing_and_everything_can_be_taken() -> None:
     line = PacedLine(0)
     line.put(b"abc", 1.0)

@@ -210,8 +210,8 @@ class PacedLine:
         self._free_at = start + len(data) * self._per_byte
         self._queue.append((start, data))
 
-    def take(self, now: float, *, everything: bool = False) -> bytes:
-        """The bytes that have arrived by `now`."""
+    def take(self, now: float, *, everything: bool = False, whole: bool = False) -> bytes:
+        """The bytes that have arrived by `now`; with `whole`, only all that were put in together."""
         arrived: list[bytes] = []
         while self._queue:
             start, data = self._queue[0]
@@ -219,7 +219,7 @@ class PacedLine:
                 count = len(data)
             else:
                 count = min(len(data), int((now - start) / self._per_byte + 1e-6))
-            if count <= 0:
+            if count <= 0 or (whole and count < len(data)):
                 break
             if not arrived:
                 self.came = start + self._per_byte

@@ -315,7 +315,8 @@ class PtyServer(DeviceServer):
         self._to_board.put(self._garbled(data, inward=True), arrived)
 
     def _write(self, now: float) -> None:
-        self._unsent += self._garbled(self._to_host.take(now), inward=False)
+        # No board pauses within a frame, so a process that stalls must not: a host gives a frame up after 50 ms.
+        self._unsent += self._garbled(self._to_host.take(now, whole=True), inward=False)
         if not self._unsent:
             return
         try:

@@ -121,7 +121,7 @@ class TcpServer(DeviceServer):
         # While the line is behind, the device keeps its bytes.
         if self._to_host.next_time() is None and (out := self.device.data_to_send()):
             self._to_host.put(out, now)
-        out = self._to_host.take(now)
+        out = self._to_host.take(now, whole=True)  # as `PtyServer`
         if out and self._guest is not None:
             self._guest.write(out, now + _IDLE)
 
