@@ -27,6 +27,7 @@ def test_signals_of_joints_are_drawn_with_their_history_and_saved(page: Page, st
     row.wait_for()
     page.wait_for_function("document.querySelectorAll('.hx-plot-legend tbody td')[1].textContent !== '–'")
     assert page.locator(".uplot").count() == 1
+    assert page.evaluate("document.scrollingElement.scrollHeight <= innerHeight"), "the plot fills the page"
     # A signal in another unit gets a panel of its own; a joint less, and its rows are gone.
     page.get_by_role("checkbox", name="voltage").check()
     page.wait_for_function("document.querySelectorAll('.uplot').length === 2")
