@@ -117,7 +117,7 @@ def _ours() -> tuple[list[float], RobotOwner]:
     late: list[float] = []
     with _owner(2 * _SECONDS) as owner:
         timing = owner.timing
-        owner.observers.append(lambda state: late.append((time.monotonic() - timing._started) % timing.period))
+        owner.observe(lambda state: late.append((time.monotonic() - timing._started) % timing.period))
         while len(late) < _RATE * _SECONDS:
             owner.turn()
     return late, owner

@@ -74,11 +74,26 @@ def test_another_robot_is_no_reason_to_wait() -> None:
 
 def test_observers_have_a_state_before_anything_is_computed_from_it() -> None:
     bench, before = BoardBench(), list[bool]()
-    bench.owner.observers.append(lambda state: before.append(bench.owner.state is not state))
+    bench.owner.observe(lambda state: before.append(bench.owner.state is not state))
     bench.owner.connect()
     bench.turn(0.2)
     assert before
     assert all(before)
+
+
+def test_an_observer_that_ends_keeps_no_other_from_a_state() -> None:
+    bench, first, second = BoardBench(), list[float](), list[float]()
+    bench.owner.connect()
+
+    def once(state: JointState) -> None:
+        first.append(state.stamp)
+        bench.owner.observe(once, on=False)
+
+    bench.owner.observe(once)
+    bench.owner.observe(lambda state: second.append(state.stamp))
+    bench.turn(0.2)
+    assert first == second[:1]
+    assert len(second) > 2
 
 
 @pytest.mark.slow

@@ -140,7 +140,7 @@ def test_an_arm_that_nobody_uses_is_read_rarely_and_as_before_once_somebody_does
     bench = BoardBench(publish_rate=50.0)
     names = bench.robot.model.names
     seen: list[float] = []
-    bench.owner.observers.append(lambda state: seen.append(bench.clock.time))
+    bench.owner.observe(lambda state: seen.append(bench.clock.time))
 
     def rate(seconds: float = 2.0) -> float:
         seen.clear()

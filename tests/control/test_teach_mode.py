@@ -125,7 +125,7 @@ def test_a_moving_arm_is_not_taught() -> None:
 def test_torque_comes_back_even_if_nothing_was_recorded() -> None:
     bench = make_bench()
     bench.ask(bench.arm.teach_start)
-    bench.owner.observers.clear()
+    bench.owner.observers = ()
     bench.arm.teach_mode._teacher._samples.clear()
     with pytest.raises(UsageError, match="nothing was recorded"):
         bench.ask(bench.arm.teach_stop)

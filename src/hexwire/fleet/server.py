@@ -211,7 +211,7 @@ class ArmServer:
             node.answer(keys.order(role), refuse, lane="questions", at_once=accept)
             node.take_at_once(keys.order(role), self._accept_set_point)
             self._take_stops(keys.off(role), StopMode.TORQUE_OFF)
-        self._owner.observers.append(self._on_state)
+        self._owner.observe(self._on_state)
         self._owner.needed = lambda: self._publish.is_wanted or self._shared.holder is not None
         self._shared.looks.append(self._tell)
 
@@ -220,7 +220,7 @@ class ArmServer:
         self._ending.set()
         with contextlib.suppress(ValueError):
             self._shared.looks.remove(self._tell)
-            self._owner.observers.remove(self._on_state)
+            self._owner.observe(self._on_state, on=False)
             self._goals.close()
         for worker in self._workers.values():
             worker.close(1.0)

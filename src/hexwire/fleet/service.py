@@ -59,7 +59,7 @@ def _watched(given: ServedArm, settings: Settings, watch: Watch) -> ControlledAr
     goals: dict[str, float] = {}
     arm = ControlledArm(given.driver, settings, monitored=False, on_sent=lambda sent: goals.update(sent.positions))
     see = watch(given.name, settings)
-    arm.owner.observers.append(lambda state: see(state, goals))
+    arm.owner.observe(lambda state: see(state, goals))
     return arm
 
 

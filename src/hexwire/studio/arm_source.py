@@ -106,7 +106,7 @@ class ArmSource:
         self.arm = ControlledArm(driver, settings, monitored=False, on_sent=self._sent)
         self.shared = SharedArm(self.arm, Lease(timeout=5.0))
         owner = self.arm.owner
-        owner.observers = [*owner.observers, self._keep]
+        owner.observe(self._keep)
         self.edits: list[tuple[str, tuple[Edit, ...]]] = []
         self.backups: list[ServoBackup] = []
         self.health, self._looked = HealthHistory(), -math.inf

@@ -189,7 +189,7 @@ class Twin:
             def keep(state: JointState) -> None:
                 history.append(state, goals, rate=arm.owner.rate)
 
-            arm.owner.observers = [keep]
+            arm.owner.observe(keep)
             try:
                 arm.connect()
                 arm.start()

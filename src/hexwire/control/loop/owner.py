@@ -243,7 +243,7 @@ class RobotOwner:
         reconnects: Number of reconnections.
         probe: The report of the last probe.
         crash: The programming error that ended the thread, if any.
-        observers: Called in the owner's thread with every state, before it becomes the newest.
+        observers: Called in the owner's thread with every state, before it becomes the newest; see `observe`.
         needed: Whether somebody needs the states of an arm that rests without torque; otherwise they are read
             rarely.
     """
@@ -277,7 +277,9 @@ class RobotOwner:
         self.reconnects = 0
         self.probe: ProbeReport | None = None
         self.crash: BaseException | None = None
-        self.observers: list[Callable[[JointState], object]] = []
+        self.observers: tuple[Callable[[JointState], object], ...] = ()
+        # Re-entrant, since a signal handler may stop the arm, which ends a motion and what observes it.
+        self._observing = threading.RLock()
         self._borrowed, self._stop_on_failure = borrowed, stop_on_failure
         self._publish_rate, self._command_rate = publish_rate, command_rate
         self._wanted_watchdog, self._watchdog_mode, self._watched = watchdog, watchdog_mode, ExitStack()
@@ -497,6 +499,13 @@ class RobotOwner:
         if state is None or (age > _FRESH and age > 3.0 * self.command_period):
             raise DeviceError(f"no state from the robot for {age:.1f} s; wait for one")
         return state
+
+    def observe(self, observer: Callable[[JointState], object], *, on: bool = True) -> None:
+        """Call something with every state from the next one on, or no more."""
+        # None is lost that another thread adds at the same time, or that comes after one which ends now.
+        with self._observing:
+            others = tuple([one for one in self.observers if one != observer])
+            self.observers = (*others, observer) if on else others
 
     def hurry(self) -> None:
         """Send a target after the next state, if none was sent for a period: a motion has begun."""

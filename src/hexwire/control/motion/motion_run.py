@@ -100,7 +100,8 @@ class MotionRun:
         self.off: tuple[str, ...] = ()
         # Goals that have not succeeded yet.
         self._missing = 0
-        self._lock, self._over = threading.Lock(), threading.Event()
+        # Re-entrant, since a signal handler may stop the arm.
+        self._lock, self._over = threading.RLock(), threading.Event()
 
     @property
     def outcome(self) -> Outcome | None:
@@ -133,8 +134,7 @@ class MotionRun:
             self._end(Outcome.SUCCEEDED, "")
             return
         self._missing = goals
-        # A new list, since the owner's thread may be going through the old one.
-        self._owner.observers = [*self._owner.observers, self._see]
+        self._owner.observe(self._see)
         try:
             begin()
         except BaseException as error:
@@ -205,12 +205,12 @@ class MotionRun:
     def _note(self, outcome: Outcome, text: str) -> bool:
         """Note the end; whether it had not ended before."""
         with self._lock:
-            now, owner = self._progress, self._owner
+            now = self._progress
             if now.outcome is not None:
                 return False
             elapsed = now.duration if outcome is Outcome.SUCCEEDED else self._elapsed()
             self._progress = replace(now, elapsed=elapsed, outcome=outcome, text=text, off="; ".join(self.off))
-            owner.observers = [observer for observer in owner.observers if observer != self._see]
+            self._owner.observe(self._see, on=False)
         self._over.set()
         return True
 

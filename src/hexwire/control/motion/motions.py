@@ -330,7 +330,7 @@ class Execution:
         )
         if not self._robot.can(OwnWatchdog):
             self._observer.unwatched(owner.lead)
-        owner.observers.append(self._observer.seen)
+        owner.observe(self._observer.seen)
         with owner, self._safe or nullcontext():
             yield owner
 

@@ -287,7 +287,7 @@ class HandGuiding:
         self.power = threading.Lock()
         self._owner, self._recorder = owner, recorder
         self._names: tuple[str, ...] = ()
-        owner.observers.append(recorder.take)
+        owner.observe(recorder.take)
 
     def refuse(self) -> None:
         """Refuse motion and torque while the arm is in teach mode.

@@ -149,11 +149,11 @@ class SharedGoals:
         # Neither another program's goal nor one of a server before has the same number.
         self._numbers = itertools.count(secrets.randbits(_NUMBER_BITS))
         self._lock = threading.Lock()
-        shared.arm.owner.observers.append(self._see)
+        shared.arm.owner.observe(self._see)
 
     def close(self) -> None:
         """Stop observing the arm."""
-        self._arm.owner.observers.remove(self._see)
+        self._arm.owner.observe(self._see, on=False)
 
     def check(self, order: Order, goal: TrajectoryGoal) -> float:
         """Check the path of a trajectory from its own first point, as before its motion; nothing moves.
