@@ -139,6 +139,11 @@ class Loop:
         self.deliver()
         return told
 
+    def stream(self, positions: Mapping[str, float], state: JointState | None = None) -> None:
+        """Set-points, as a node follows them."""
+        self.controller.check_set_points(positions, state or self.state)
+        self.controller.follow_set_points(positions, self.now)
+
     def deliver(self) -> None:
         for goal, ended in self.controller.take_ended():
             goal.ended(ended)

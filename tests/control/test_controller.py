@@ -321,7 +321,7 @@ def test_a_stop_aborts_latches_and_is_reset(kind: str, reason: Reason) -> None:
     for refused in (
         lambda: loop.send(order((1.0, {}))),
         lambda: loop.controller.accept(loop.controller.plan(order((1.0, {})), loop.now), loop.state, loop.now),
-        lambda: loop.controller.set_points({"J1": J1}, loop.state, loop.now),
+        lambda: loop.stream({"J1": J1}),
         lambda: loop.controller.start(0.0, loop.state, loop.now),
     ):
         with pytest.raises(GoalError, match=r"stopped \(something happened\); reset first"):
@@ -353,7 +353,7 @@ def test_torque_that_is_taken_away_aborts_and_forgets() -> None:
     with pytest.raises(GoalError, match=r"no torque on J1, J2, .*; enable it first"):
         loop.send(order((1.0, {"J1": J1})))
     with pytest.raises(GoalError, match="no torque on J1; enable it first"):
-        loop.controller.set_points({"J1": J1}, loop.state, loop.now)
+        loop.stream({"J1": J1})
     with pytest.raises(GoalError, match="no torque"):
         loop.controller.accept(loop.controller.plan(order((1.0, {})), loop.now), loop.state, loop.now)
     loop.change = lambda what: what
@@ -377,8 +377,8 @@ def test_a_goal_for_a_joint_without_a_position_is_refused() -> None:
     with pytest.raises(GoalError, match="the position of J1 is still unknown"):
         controller.start(0.0, deaf, loop.now)
     with pytest.raises(GoalError, match="the position of J1 is still unknown"):
-        controller.set_points({"J1": J1}, deaf, loop.now)
-    controller.set_points({"J2": J2 - 0.01}, deaf, loop.now)
+        loop.stream({"J1": J1}, deaf)
+    loop.stream({"J2": J2 - 0.01}, deaf)
 
 
 def test_progress_between_goals_is_kept_only_for_those_who_monitor_it() -> None:
@@ -411,8 +411,8 @@ def test_a_joint_that_is_silent_is_no_joint_to_move() -> None:
     with pytest.raises(GoalError, match=r"no answer from J1 for more than 0\.5 s"):
         loop.send(order((1.0, {"J2": J2 - 0.1})))
     with pytest.raises(GoalError, match="no answer from J1"):
-        loop.controller.set_points({"J1": J1}, loop.state, loop.now)
-    loop.controller.set_points({"J2": J2}, loop.state, loop.now)
+        loop.stream({"J1": J1})
+    loop.stream({"J2": J2})
 
 
 def test_partial_goals_leave_the_others_where_they_are() -> None:
@@ -437,7 +437,7 @@ def test_set_points_preempt_a_goal_and_are_followed_until_they_stop_coming() -> 
     told = loop.send(order((2.0, {"J1": J1 + 1.0})))
     loop.run(0.5)
     for i in range(20):
-        loop.controller.set_points({"J1": J1 + 0.25 + 0.01 * i}, loop.state, loop.now)
+        loop.stream({"J1": J1 + 0.25 + 0.01 * i})
         loop.run(0.05)
     assert told.outcome == PREEMPTED
     assert told.text == "replaced by set-points"
@@ -456,7 +456,7 @@ def test_a_bad_set_point_leaves_the_goal_alone() -> None:
     loop = Loop()
     told = loop.send(order((1.0, {"J1": J1 + 0.5})))
     with pytest.raises(LimitError):
-        loop.controller.set_points({"J1": 9.0}, loop.state, loop.now)
+        loop.stream({"J1": 9.0})
     loop.run(1.3)
     assert told.outcome == SUCCEEDED
 

@@ -405,16 +405,6 @@ class TrajectoryController:
         ends = now + self.generator.remaining(now)
         self._active = _active(listener, tolerances or self.settings.tolerances, begins, ends)
 
-    def set_points(self, positions: Mapping[str, float], state: JointState, now: float) -> None:
-        """Follow set-points, radians by joint; the active goal is preempted.
-
-        Raises:
-            LimitError: A set-point is outside its limits.
-            GoalError: Stopped, or a joint has no torque or its position is unknown.
-        """
-        self.check_set_points(positions, state)
-        self.follow_set_points(positions, now)
-
     def check_set_points(self, positions: Mapping[str, float], state: JointState, near: float = math.inf) -> None:
         """Check that joints can follow set-points now; changes nothing.
 
@@ -424,7 +414,7 @@ class TrajectoryController:
             near: A joint that follows no set-points must be this close to its first one, radians.
 
         Raises:
-            GoalError: As `set_points`, or a joint is too far away.
+            GoalError: Stopped, or a joint has no torque, its position is unknown, or it is too far away.
         """
         self._refuse_unready(positions, state)
         self.generator.observe(state)
@@ -449,7 +439,7 @@ class TrajectoryController:
             raise GoalError(text, reason=Reason.PATH_NOT_ALLOWED)
 
     def follow_set_points(self, positions: Mapping[str, float], now: float, laws: Laws = None) -> None:
-        """Follow set-points after `check_set_points`; otherwise as `set_points`, with laws as in `set_point`."""
+        """Follow set-points after `check_set_points`, as `SetPointGenerator.set_point`; the goal is preempted."""
         self.generator.set_point(positions, now, laws)
         self._preempt("replaced by set-points")
 
