@@ -79,7 +79,9 @@ class ArrivedStates:
         self._done, self._dealt = 0, (0, 0)
         # Earlier servers, which may still run: two of the same name.
         self._former: dict[int, None] = {}
-        self._changed = threading.Condition()
+        # Taken by itself, since the condition takes it by a method of its own each time.
+        self._lock = threading.RLock()
+        self._changed = threading.Condition(self._lock)
         self._closed = False
         # The thread that receives, 0 for none, and when its wait is over; infinite while it does not wait.
         self._receiver, self._until = 0, math.inf
@@ -88,14 +90,14 @@ class ArrivedStates:
         """Take what arrived."""
         arrived, state = self._now(), self._decoded(payload)
         if state is not None:
-            with self._changed:
+            with self._lock:
                 self._put(state, arrived)
                 self._changed.notify_all()
 
     def _end_wait(self, payload: bytes, outer: tuple[int, float]) -> None:
         """Take what arrived, in one step with the end of receiving: the caller waits for it."""
         arrived, state = self._now(), self._decoded(payload)
-        with self._changed:
+        with self._lock:
             if state is not None:
                 self._put(state, arrived)
             self._receiver, self._until = outer
@@ -142,7 +144,7 @@ class ArrivedStates:
         Args:
             done: Number of orders done, as its answer says.
         """
-        with self._changed:
+        with self._lock:
             self._done = max(self._done, done)
 
     def require_dealt(self, lease: int, sequence: int) -> None:
@@ -165,10 +167,12 @@ class ArrivedStates:
         """Take what has arrived, and end waits that have timed out. Call it regularly."""
         if self._inbox is None:
             return
-        with self._changed:
-            # Let another thread finish taking what arrived earlier.
-            self._changed.wait_for(lambda: not self._is_receiving() or self._until < math.inf, _TAKING)
-            receiving, late = self._is_receiving(), self._now() >= self._until
+        with self._lock:
+            if receiving := self._is_receiving():
+                # Let the other thread finish taking what arrived earlier.
+                self._changed.wait_for(lambda: not self._is_receiving() or self._until < math.inf, _TAKING)
+                receiving = self._is_receiving()
+            late = self._now() >= self._until
         if not receiving:
             self._receive(None)
         elif late:
@@ -176,7 +180,7 @@ class ArrivedStates:
 
     def close(self) -> None:
         """End the wait of all threads."""
-        with self._changed:
+        with self._lock:
             self._closed = True
             self._changed.notify_all()
         if self._inbox is not None:
@@ -185,7 +189,7 @@ class ArrivedStates:
     def latest(self) -> JointState | None:
         """The newest state, without waiting for one; None if none has arrived yet. Raises as `next`."""
         self.refresh()
-        with self._changed:
+        with self._lock:
             if self._closed:
                 raise self._detached()
             return None if self._telling is None else self._as_joint_state(*self._telling)
@@ -205,7 +209,7 @@ class ArrivedStates:
         """
         deadline = max(self._now(), since) + patience
         while True:
-            with self._changed:
+            with self._lock:
                 if self._closed:
                     break
                 state = self.newest
@@ -234,7 +238,7 @@ class ArrivedStates:
         assert inbox is not None
         outer = 0, math.inf
         try:
-            with self._changed:
+            with self._lock:
                 if self._is_receiving():
                     return
                 # In a signal handler: the wait that it interrupted goes on afterwards, and must end in time.
@@ -242,7 +246,7 @@ class ArrivedStates:
                 self._receiver, self._until = me, math.inf
             payload = inbox.poll()
             if payload is None and until is not None:
-                with self._changed:
+                with self._lock:
                     self._until = until
                     self._changed.notify_all()
                 self._end_wait(inbox.wait(), outer)
@@ -255,7 +259,7 @@ class ArrivedStates:
             # A signal handler may raise at any line: let another thread receive in any case.
             if self._receiver == me:
                 self._receiver, self._until = outer
-                with self._changed:
+                with self._lock:
                     self._changed.notify_all()
 
     def _as_joint_state(self, state: m.State, arrived: float) -> JointState:
