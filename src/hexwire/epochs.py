@@ -224,7 +224,12 @@ class Epochs:
 
     def mark(self) -> Token:
         """Return a token of the present: the next stop cancels it, even if the arm is stopped now."""
-        return Token(self._current, False, voided=self._voided, limp=self._limp)
+        # The same object until the next stop: the owner of an arm asks a hundred times a second.
+        token = self._unstopped
+        if token.epoch is self._current and token.voided is self._voided and token.limp is self._limp:
+            return token
+        self._unstopped = token = Token(self._current, False, voided=self._voided, limp=self._limp)
+        return token
 
     @property
     def of_this_call(self) -> Token | None:
@@ -252,12 +257,13 @@ class Epochs:
         # Torque off takes nothing back from a stop, and must not be lost.
         if token.frees:
             return None
-        if self.stopped_since(token):
+        # Asked several times for each target: not by `stopped_since` and `limp_since`.
+        if token.epoch is not self._current or token.voided is not self._voided:
             # A stop that no call of this host made may still be latched.
             return _CAME if self.stopped or token.voided is not self._voided else _OVER
         if token.stopped and self._ended is token.epoch:
             return _RESUMED
-        return _LIMP if self.limp_since(token) else None
+        return None if token.limp is None or token.limp is self._limp else _LIMP
 
     def check(self, token: Token, what: str) -> None:
         """Refuse a call made before a stop or torque off; call this while holding the line, before bytes leave.

@@ -222,7 +222,7 @@ def test_a_joint_of_unknown_position_is_sent_to_its_target() -> None:
     bench, key = make()
     newest = bench.owner.newest()
     unknown = {name: math.nan if name == "J1" else angle for name, angle in newest.positions.items()}
-    bench.shared._steps._here = lambda joints, now: unknown  # type: ignore[method-assign]
+    bench.shared._steps._told = lambda here, joints, now: unknown  # type: ignore[method-assign]
     bench.move(key, 8.0, J1=0.1)
     assert goals(bench)[0] == pytest.approx(bench.where("J1") + 0.1, abs=0.01)
 

@@ -781,12 +781,12 @@ def test_a_server_that_only_the_router_shows_counts_too(monkeypatch: pytest.Monk
 
 def test_an_arm_that_somebody_else_stopped_is_said_to_be_stopped_without_a_reason(served: Served) -> None:
     state = served.bench.robot.read()
-    assert served.server._message(state).stopped is False
-    message = served.server._message(replace(state, stopped=True))
+    assert served.server._message(state, 0.0).stopped is False
+    message = served.server._message(replace(state, stopped=True), 0.0)
     assert (message.stopped, message.reason) == (True, "")
-    assert served.server._message(None).stopped is False
+    assert served.server._message(None, 0.0).stopped is False
     served.stop()
-    message = served.server._message(replace(state, stopped=False))
+    message = served.server._message(replace(state, stopped=False), 0.0)
     assert (message.stopped, message.reason) == (True, "Bob stopped it")
 
 

@@ -211,7 +211,7 @@ class ArmServer:
             node.answer(keys.order(role), refuse, lane="questions", at_once=accept)
             node.take_at_once(keys.order(role), self._accept_set_point)
             self._take_stops(keys.off(role), StopMode.TORQUE_OFF)
-        self._owner.observe(self._on_state)
+        self._owner.observe(self._send)
         self._owner.needed = lambda: self._publish.is_wanted or self._shared.holder is not None
         self._shared.looks.append(self._tell)
 
@@ -220,7 +220,7 @@ class ArmServer:
         self._ending.set()
         with contextlib.suppress(ValueError):
             self._shared.looks.remove(self._tell)
-            self._owner.observe(self._on_state, on=False)
+            self._owner.observe(self._send, on=False)
             self._goals.close()
         for worker in self._workers.values():
             worker.close(1.0)
@@ -256,9 +256,6 @@ class ArmServer:
 
     # -- states -----------------------------------------------------------------------------------------
 
-    def _on_state(self, state: JointState) -> None:
-        self._send(state)
-
     def _tell(self) -> float:
         """Send a message if no states come; returns the seconds until the next one may be due."""
         left = self._published + _STATUS - self._shared.now()
@@ -271,14 +268,14 @@ class ArmServer:
     def _send(self, state: JointState | None) -> None:
         with self._publishing:
             self._sequence += 1
-            self._published = self._shared.now()
+            self._published = now = self._shared.now()
             # Without readers, of which an arm at rest may have none, its states cost nothing more.
             if self._publish.is_wanted:
-                self._publish(m.encode(self._message(state)))
+                self._publish(m.encode(self._message(state, now)))
 
-    def _message(self, state: JointState | None) -> m.State:
+    def _message(self, state: JointState | None, now: float) -> m.State:
         shared, owner = self._shared, self._owner
-        reason, holder, now = owner.group.reason, shared.holder, shared.now()
+        reason, holder = owner.group.reason, shared.holder
         done, dealt = self._before_sample(state)
         shown = JointState.of({}, stamp=now, board_time=0.0) if state is None else state
         return m.State(
@@ -413,7 +410,7 @@ class ArmServer:
             else:
                 self._reply(query, goal_row(report))
         elif ask.what == "state":
-            self._reply(query, self._message(self._owner.state))
+            self._reply(query, self._message(self._owner.state, self._shared.now()))
         elif not self._questions.put((query, ask)):
             self._refuse_busy(query)
 

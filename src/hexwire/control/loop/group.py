@@ -116,6 +116,8 @@ class ControllerLock:
             raise
         return True
 
+    __enter__ = acquire
+
     def release(self) -> None:
         """As `threading.RLock.release`."""
         try:
@@ -128,9 +130,6 @@ class ControllerLock:
     def _leave(self) -> None:
         self._depth -= 1
         self._lock.release()
-
-    def __enter__(self) -> bool:
-        return self.acquire()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -174,7 +173,12 @@ class ControllerGroup:
     def reason(self) -> StopReason | None:
         """Why the arm is stopped, or is about to be, or None."""
         # In this order: one that reaches the controllers meanwhile is found there.
-        return self._announced or next((c.reason for c in self.members if c.reason), None)
+        if (announced := self._announced) is not None:
+            return announced
+        for controller in self.members:
+            if (reason := controller.reason) is not None:
+                return reason
+        return None
 
     @property
     def blamed(self) -> frozenset[str]:
@@ -199,34 +203,38 @@ class ControllerGroup:
         Returns:
             The target to write; or the first reason to stop the arm, after stopping all controllers; or None.
         """
-        orders: list[JointTarget | StopReason | None] = []
+        targets: list[JointTarget] = []
+        reason: StopReason | None = None
         with self.lock:
             for controller in self.members:
                 if speeds is not None:
                     controller.judge(state, speeds, now)
-                if due:
-                    orders.append(controller.cycle(state, now, lead))
-            targets = [order for order in orders if isinstance(order, JointTarget)]
-            positions = tuple(pair for target in targets for pair in target.positions)
-            reason = next((order for order in orders if isinstance(order, StopReason)), None)
+                if due and (order := controller.cycle(state, now, lead)) is not None:
+                    if isinstance(order, JointTarget):
+                        targets.append(order)
+                    else:
+                        reason = reason or order
             if reason is None and due:
-                reason = self._outside(state, positions)
+                reason = self._outside(state, targets)
             if reason is not None:
                 self._stop(reason)
             ended = self._take_ended()
         _tell(ended)
         if reason is not None:
             return reason
-        if len(targets) == 1:
-            return targets[0]
-        if not positions:
-            return None
+        if len(targets) < 2:
+            return targets[0] if targets else None
+        positions = tuple(pair for target in targets for pair in target.positions)
         laws = tuple(pair for target in targets for pair in target.laws)
         guided = all(target.guided for target in targets)
         return JointTarget(positions, max(target.duration for target in targets), laws, guided)
 
-    def _outside(self, state: JointState, target: Iterable[tuple[str, float]]) -> StopReason | None:
-        found = self.check.running(state.positions, dict(target)) if self.check is not None else ""
+    def _outside(self, state: JointState, targets: Sequence[JointTarget]) -> StopReason | None:
+        if self.check is None:
+            return None
+        where = {name: angle for target in targets for name, angle in target.positions}
+        # An arm at rest is told so, wherever it is.
+        found = self.check.running(state.positions if where else {}, where)
         return StopReason("fence", found) if found else None
 
     def announce(self, reason: StopReason) -> None:
@@ -320,7 +328,10 @@ class ControllerGroup:
         _tell(ended)
 
     def _take_ended(self) -> list[tuple[GoalListener, Ended]]:
-        return [row for controller in self.members for row in controller.take_ended()]
+        ended: list[tuple[GoalListener, Ended]] = []
+        for controller in self.members:
+            ended += controller.take_ended()
+        return ended
 
     def _forget(self) -> None:
         if self.check is not None:

@@ -15,6 +15,7 @@ from collections.abc import Callable, Collection, Sequence
 from contextlib import nullcontext, suppress
 from typing import TYPE_CHECKING
 
+from hexwire.drivers.abilities import RefilledPaths
 from hexwire.errors import (
     CommandRefusedError,
     HexwireError,
@@ -206,6 +207,8 @@ class Output:
             self._write(order, asked, now + lead)
 
     def _execute_onboard(self, onboard: OnboardExecution, state: JointState, period: float, asked: Token) -> None:
+        if RefilledPaths.find(self._robot) is None:
+            return
         epochs = self._robot.epochs
         try:
             epochs.check(asked, "a path")
@@ -303,7 +306,7 @@ class Output:
             epochs.check(asked, "a target")
             # Also those at rest: what they were told before is not where their joints will be.
             self._group.release("another motion was asked for", [name for name, _ in target.positions])
-            if self._onboard is not None:
+            if self._onboard is not None and self._onboard.joints:
                 with epochs.using(asked):
                     self._onboard.brake([name for name, _ in target.positions])
             try:

@@ -188,6 +188,8 @@ _log = logging.getLogger(__name__)
 
 _RETRY = 0.5
 """Seconds between two attempts to reconnect."""
+_LEAD = 1.5
+"""Duration of a target in periods, so that a late cycle does not pause the motion."""
 _PERIODS = 4.0
 """Least watchdog timeout of a borrowed robot, in periods."""
 _FEEDS = 4.0
@@ -441,8 +443,8 @@ class RobotOwner:
 
     @property
     def lead(self) -> float:
-        """Duration of a target: a period and a half, so that a late cycle does not pause the motion."""
-        return 1.5 * self.command_period
+        """Duration of a target, seconds."""
+        return _LEAD * self.command_period
 
     @property
     def watchdog(self) -> float:
@@ -727,11 +729,10 @@ class RobotOwner:
             state = self._reader.next()
             if state is not None:
                 self._take(state)
-                if not self._borrowed:
+                if self._line is not None and not self._borrowed:
                     self._see_restarts()
-                self._output.update(
-                    state, self._latest.speeds(state.names), self._clock(), self.command_period, self.lead
-                )
+                now, period = self._clock(), self.command_period
+                self._output.update(state, self._latest.speeds(state.names), now, period, _LEAD * period)
                 self._choose_rate(self._reader, state)
             self._calls.run()
         except PreemptedError:

@@ -12,7 +12,6 @@ import math
 from collections.abc import Callable, Collection
 from typing import TYPE_CHECKING
 
-from hexwire.drivers.abilities import RefilledPaths
 from hexwire.drivers.timed_path import PathReport, PathState
 from hexwire.errors import CommandRefusedError, LeaseError, PreemptedError, StoppedError, UsageError
 from hexwire.motion.safety import STOP_COMMAND, StopReason, board_stop, silence
@@ -109,8 +108,6 @@ class OnboardExecution:
             LeaseError: Whoever moves the joints has lost the right to; `brake` brings them to rest.
             HexwireError: As `TimedPath`.
         """
-        if not self._robot.can(RefilledPaths):
-            return None
         if self._group.reason is not None:
             self.drop()
             return None

@@ -338,7 +338,7 @@ class Lease:
         return math.inf if holder is None else self._due(holder)
 
     def _due(self, holder: Grant) -> float:
-        return holder.ends if holder.finishing else holder.heard + self.timeout
+        return holder.ends if holder.ends < math.inf else holder.heard + self.timeout
 
     def is_alive(self, now: float) -> bool:
         """Whether somebody holds the lease, or has left it to a motion that ends. Any thread may call this."""
@@ -352,8 +352,13 @@ class Lease:
             LeaseError: The client does not hold the lease, or not any more.
         """
         holder = self.holder
-        # Asked several times for each set-point: not by `_due`.
-        if holder is not None and holder.key == key and now < holder.heard + self.timeout and not holder.finishing:
+        # Asked several times for each set-point: neither by `_due` nor by `finishing`.
+        if (
+            holder is not None
+            and holder.key == key
+            and now < holder.heard + self.timeout
+            and holder.ends == math.inf
+        ):
             return holder
         if holder is not None and holder.key != key:
             raise LeaseError(f"{holder.client} holds the lease", holder=holder.client)

@@ -31,7 +31,7 @@ from .lease import Lease
 from .shared_steps import SteppedTargets
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from hexwire.drivers.base import ProbeReport
     from hexwire.epochs import Token
@@ -198,12 +198,13 @@ class SharedArm:
         # One stream of set-points, in whatever threads: under `deciding`.
         self._posture = self.path_check.guided()
         # Guards the lease. Taken inside `deciding`, never the other way round.
-        self._changed = threading.Condition(threading.RLock())
+        self._lock = threading.RLock()
+        self._changed = threading.Condition(self._lock)
         # When the last trajectory ends, owner's clock.
         self._followed_until = -math.inf
         self._ending = False
         self._steps = SteppedTargets(self._owner)
-        self._orders = OrderCheck(self._lease, self._changed, clock, self._owner.now)
+        self._orders = OrderCheck(self._lease, self._lock, clock, self._owner.now)
         self._owner.guard(self._expire, self._orders.of_targets)
         self._supervisor = threading.Thread(target=self._supervise, name="lease", daemon=True)
 
@@ -378,8 +379,9 @@ class SharedArm:
             # Before the check, so that an order without a lease costs little; and nothing comes between it and
             # the sending, since a loss of the lease waits for `deciding`.
             self._orders.admit(order)
-            self._check_path(target)
-            return self._steps.send(target, self._orders.token(order))
+            here = owner.newest().positions
+            self._check_path(target, here)
+            return self._steps.send(target, here, self._orders.token(order))
 
     def torque(self, order: Order, on: bool, joints: Sequence[str] | None) -> tuple[str, ...]:
         """Switch torque on or off; arguments and result as in `RobotDriver.torque`."""
@@ -621,8 +623,8 @@ class SharedArm:
         with self._robot.epochs.using(self._orders.token(order)):
             return call()
 
-    def _check_path(self, target: JointTarget) -> None:
-        goal, here = dict(target.positions), self._owner.newest().positions
+    def _check_path(self, target: JointTarget, here: Mapping[str, float]) -> None:
+        goal = dict(target.positions)
         # However short it is meant to be: the robot takes the time that its speed limits require.
         joint = self._robot.model.joint
         turns = [abs(angle - here.get(name, angle)) / joint(name).max_speed for name, angle in goal.items()]

@@ -133,13 +133,14 @@ class SteppedTargets:
         self._members = {name: JointSteps(name, model) for name in model.names}
         self._planner = SetPointGenerator(model, allowed=self._wrong)
 
-    def send(self, target: JointTarget, asked: Token) -> SentTarget:
+    def send(self, target: JointTarget, here: Mapping[str, float], asked: Token) -> SentTarget:
         """Send a target; the caller has `RobotOwner.deciding`.
 
         A stop, a new target for the joint, or anything else that ends the motions of controllers ends the steps.
 
         Args:
             target: The caller has checked its path.
+            here: Positions of the arm's joints in the newest state, radians.
             asked: As in `RobotOwner.send`.
 
         Returns:
@@ -149,10 +150,10 @@ class SteppedTargets:
             HexwireError: As `RobotOwner.send`.
         """
         owner, robot = self._owner, self._owner.robot
-        if robot.can(Watchdog):
+        if Watchdog.find(robot) is not None:
             return owner.send(target, asked)
         now, step = owner.now(), owner.command_period
-        here = self._here([name for name, _ in target.positions], now)
+        here = self._told(here, [name for name, _ in target.positions], now)
         checked = check_target(robot.model, target, here)
         if checked.duration <= _SHORT * AHEAD * step:
             sent = owner.send(target, asked)
@@ -207,15 +208,14 @@ class SteppedTargets:
         now = self._owner.now()
         return max(member.left(now) for member in self._members.values())
 
-    def _here(self, joints: Iterable[str], now: float) -> Mapping[str, float]:
+    def _told(self, here: Mapping[str, float], joints: Iterable[str], now: float) -> Mapping[str, float]:
         """Positions of the arm's joints; for one of these joints that moves to a target, that target."""
-        model = self._owner.model
-        here = self._owner.newest().positions
+        model, told = self._owner.model, dict(here)
         for joint in joints:
             name = model.joint(joint).name
             if (aim := self._members[name].aim(now)) is not None:
-                here[name] = aim
-        return here
+                told[name] = aim
+        return told
 
     def _join(self) -> None:
         group = self._owner.group
