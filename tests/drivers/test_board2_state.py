@@ -7,7 +7,7 @@ import math
 import pytest
 from tests.drivers.arms import Arm
 
-from hexwire.drivers.board2_state import StateDecoder
+from hexwire.drivers.board2 import StateDecoder
 from hexwire.errors import ServoError
 from hexwire.model.arm import ArmModel, JointModel
 from hexwire.model.arms.hex7bot.joints import HEX7BOT

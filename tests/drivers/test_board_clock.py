@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.drivers.board2_state import BoardClock
+from hexwire.drivers.board2 import BoardClock
 
 
 def test_frames_that_waited_were_sent_when_the_board_says() -> None:
