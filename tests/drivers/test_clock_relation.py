@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hexwire.drivers.clock_relation import ClockRelation, WrappingClock
+from hexwire.drivers.board2_path import ClockRelation, WrappingClock
 from hexwire.errors import UsageError
 
 
