@@ -6,8 +6,8 @@ exactly the answers that were recorded. Knows no servos, nor where the traffic w
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from hexwire.errors import UsageError
@@ -20,6 +20,10 @@ from hexwire.wire.modules import ModuleType
 from hexwire.wire.tables import PROTO_CHAPTER
 
 __all__ = ["RecordedTransfer", "ReplayedBoard"]
+
+
+_Asked = tuple[int, int, bytes]
+"""Dialect, command and body of a request."""
 
 
 class RecordedTransfer(NamedTuple):
@@ -35,19 +39,6 @@ class _Reply(NamedTuple):
     proto: int
     status: int
     body: bytes
-
-
-@dataclass(slots=True)
-class _RecordedAnswers:
-    """All answers to one request, in the order they came; after the last, the first is given again."""
-
-    replies: list[_Reply] = field(default_factory=list)
-    given: int = 0
-
-    def next(self) -> _Reply:
-        reply = self.replies[self.given % len(self.replies)]
-        self.given += 1
-        return reply
 
 
 class ReplayedBoard:
@@ -68,7 +59,9 @@ class ReplayedBoard:
     def __init__(self, transfers: Iterable[RecordedTransfer], *, start: float = 0.0) -> None:
         self.unknown = 0
         """Requests that are not in the recording."""
-        self._answers: dict[tuple[int, int, bytes], _RecordedAnswers] = {}
+        # In the order they came; after the last, the first is given again.
+        self._answers: dict[_Asked, list[_Reply]] = {}
+        self._given: Counter[_Asked] = Counter()
         self._reports: list[tuple[float, Frame]] = []
         self._learn(transfers)
         if not self._answers:
@@ -125,8 +118,7 @@ class ReplayedBoard:
         )
         self._report_due = None
         self._next_report = 0
-        for answers in self._answers.values():
-            answers.given = 0
+        self._given.clear()
 
     # -- the recording ------------------------------------------------------------------------------
 
@@ -154,17 +146,19 @@ class ReplayedBoard:
 
     def _remember(self, request: Frame, reply: _Reply) -> None:
         key = (request.proto, request.cmd, request.body)
-        self._answers.setdefault(key, _RecordedAnswers()).replies.append(reply)
+        self._answers.setdefault(key, []).append(reply)
 
     def _answer(self, request: Request, now: float) -> None:
         frame = request.frame
-        answers = self._answers.get((frame.proto, frame.cmd, frame.body))
+        asked = (frame.proto, frame.cmd, frame.body)
+        answers = self._answers.get(asked)
         if answers is None:
             self.unknown += 1
             if frame.proto != PROTO_CHAPTER:
                 self._connection.reply(request, Status.NOT_SUPPORTED, b"", now)
             return
-        reply = answers.next()
+        reply = answers[self._given[asked] % len(answers)]
+        self._given[asked] += 1
         if reply.proto == PROTO_CHAPTER:
             self._connection.reply_dialect1(reply.body, now)
             return
