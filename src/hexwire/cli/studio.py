@@ -206,6 +206,8 @@ def _run(
     *,
     browser: bool,
 ) -> None:
+    from concurrent.futures import ThreadPoolExecutor
+
     from hexwire.control.loop.shutdown import Shutdown
     from hexwire.studio.memory import pass_by_hand
 
@@ -226,8 +228,8 @@ def _run(
             if len(faults) > _MOST_NOTES:
                 note(f"not shown: {len(faults) - _MOST_NOTES} more")
         # The web server takes a moment to import: meanwhile the emulator starts.
-        imported = _Imported("hexwire.studio.server")
-        stack.callback(imported.end)
+        importing = stack.enter_context(ThreadPoolExecutor(1, "import"))
+        imported = importing.submit(importlib.import_module, "hexwire.studio.server")
         if demo is not _Demo.NONE:
             from .demo import board_process
 
@@ -235,7 +237,10 @@ def _run(
             made.demo = (port, demo.value)
         # Before the board ends: the arm is made safe first.
         stack.callback(made.close)
-        module = imported.wait()
+        try:
+            module: Any = imported.result()
+        except ImportError as error:
+            raise UsageError(f"{_MISSING} ({error})") from None
         made.settings = settings
         server = _serve(module, made, protection, listen)
 
@@ -267,33 +272,6 @@ def _run(
             shutdown.request()
             ender.join()
     note("the studio has ended")
-
-
-class _Imported:
-    """A module that is imported in a thread."""
-
-    def __init__(self, name: str) -> None:
-        self._module: Any = None
-        self._error: BaseException | None = None
-        self._thread = threading.Thread(target=self._import, args=(name,), name="import", daemon=True)
-        self._thread.start()
-
-    def _import(self, name: str) -> None:
-        try:
-            self._module = importlib.import_module(name)
-        except BaseException as error:  # noqa: BLE001  # raised again by `wait`
-            self._error = error
-
-    def end(self) -> None:
-        self._thread.join()
-
-    def wait(self) -> Any:
-        self._thread.join()
-        if isinstance(self._error, ImportError):
-            raise UsageError(f"{_MISSING} ({self._error})") from None
-        if self._error is not None:
-            raise self._error
-        return self._module
 
 
 def _make(protection: _Protection, recordings: Path | None) -> tuple[Studio, tuple[str, int]]:
