@@ -9,7 +9,7 @@ import pytest
 from tests.drivers.test_base import Guarded
 
 from hexwire.cli.options import observed_driver
-from hexwire.cli.record import capturing, recording
+from hexwire.cli.record import capturing
 from hexwire.drivers.base import RobotDriver
 from hexwire.errors import UsageError
 from hexwire.link.memory import memory_pair
@@ -26,7 +26,7 @@ def _read(path: Path) -> list[CapturedMessage]:
 
 def test_traffic_and_states_are_recorded_at_the_wall_clock(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    with recording(str(path), force=False):
+    with capturing(str(path), force=False):
         observed_driver(Guarded)().read()
         host, board = memory_pair()
         with tapped(host) as link, board:
@@ -52,10 +52,10 @@ def test_a_recording_that_cannot_start_is_an_error_or_one_line(
 ) -> None:
     path = tmp_path / "a.mcap"
     path.write_text("mine")
-    with pytest.raises(UsageError, match="already exists"), recording(str(path), force=False):
+    with pytest.raises(UsageError, match="already exists"), capturing(str(path), force=False):
         pass
     done = []
-    with recording(str(path), force=False, optional=True):
+    with capturing(str(path), force=False, optional=True):
         done.append(True)
     assert done
     assert "already exists" in capsys.readouterr().err
@@ -64,6 +64,6 @@ def test_a_recording_that_cannot_start_is_an_error_or_one_line(
 
 def test_an_error_before_anything_was_recorded_leaves_no_file(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    with pytest.raises(ZeroDivisionError), recording(str(path), force=False):
+    with pytest.raises(ZeroDivisionError), capturing(str(path), force=False):
         raise ZeroDivisionError
     assert not path.exists()

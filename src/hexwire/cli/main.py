@@ -206,9 +206,9 @@ def cli(
     # A failing recording must not prevent a stop.
     optional = ctx.invoked_subcommand == "stop"
     if record is not None:
-        from .record import recording
+        from .record import capturing
 
-        ctx.with_resource(recording(record, force=force, optional=optional))
+        ctx.with_resource(capturing(record, force=force, optional=optional))
     elif record_ros2 is not None:
         from .record import bag_recording
 

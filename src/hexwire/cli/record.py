@@ -38,9 +38,9 @@ if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.model.state import JointState
     from hexwire.ros2.bag import BagRecording
-    from hexwire.trace.capture import CapturedMessage, Writer
+    from hexwire.trace.capture import Writer
 
-__all__ = ["bag_recording", "capturing", "record", "record_as", "recording", "ros2", "topic_for"]
+__all__ = ["bag_recording", "capturing", "record", "record_as", "ros2", "topic_for"]
 
 _arms: WeakKeyDictionary[RobotDriver, str] = WeakKeyDictionary()
 """Names of the robots that have a topic of their own."""
@@ -60,47 +60,36 @@ def topic_for(robot: RobotDriver) -> str:
 
 
 @contextmanager
-def recording(path: str, *, force: bool, optional: bool = False) -> Iterator[None]:
+def capturing(
+    path: str,
+    make_writer: Callable[[], Writer] | None = None,
+    *,
+    force: bool = False,
+    optional: bool = False,
+    observe: Callable[[RobotDriver], object] = lambda _: None,
+) -> Iterator[None]:
     """In this context, traffic and joint states are recorded.
 
     A recording that cannot be started is an error before anything happens. Later write errors are counted and
     reported at the end, in one line; the command continues.
 
     Args:
-        path: The file.
+        path: The file, or the name in messages of another format.
+        make_writer: Makes what writes another format.
         force: Overwrite an existing file.
         optional: Continue without a recording: a stop must not fail because a disk is full.
+        observe: Gets the robot, before each of its states is recorded.
 
     Raises:
         UsageError: The file cannot be created, or the package for recordings is not installed.
-    """
-    with capturing(path, lambda: path, force=force, optional=optional):
-        yield
-
-
-@contextmanager
-def capturing(
-    path: str,
-    make_writer: Callable[[], str | Writer],
-    *,
-    force: bool = False,
-    optional: bool = False,
-    observe: Callable[[RobotDriver], object] = lambda _: None,
-) -> Iterator[None]:
-    """As `recording`, in any format.
-
-    Args:
-        path: Its name in messages.
-        make_writer: Makes what writes it, or gives the file of a recording.
-        force: For the file of a recording.
-        optional: As for `recording`.
-        observe: Gets the robot, before each of its states is recorded.
     """
     from hexwire.trace.capture import Capture
 
     missed = Missed()
     try:
-        capture = Capture(make_writer(), offset=time.time() - time.monotonic(), force=force)
+        capture = Capture(
+            path if make_writer is None else make_writer(), offset=time.time() - time.monotonic(), force=force
+        )
     except (OSError, UsageError) as error:
         if not optional:
             raise
@@ -156,10 +145,12 @@ _TOPICS: RowType[tuple[str, str, int]] = RowType(
 @json_option
 def info(file: BinaryIO) -> None:
     """Show the contents of FILE: topics, messages, times, and whether it is complete."""
+    from hexwire.trace.capture import read_messages
+
     counts: dict[tuple[str, str], int] = {}
     first, last = float("inf"), float("-inf")
     remarks = []
-    for message in _messages(file):
+    for message in read_messages(file, name_of(file)):
         if isinstance(message, str):
             remarks.append(message)
             continue
@@ -288,12 +279,6 @@ def replay(file: BinaryIO, link: str | None, baud: int, tcp: str | None) -> None
     serve_device(device, tcp=tcp, link=link, baud=baud, stop=lambda: False, announce=say_document)
 
 
-def _messages(file: BinaryIO) -> Iterator[CapturedMessage | str]:
-    from hexwire.trace.capture import read_messages
-
-    return read_messages(file, name_of(file))
-
-
 def _pcapng(data: BinaryIO, name: str, out: BinaryIO) -> int:
     from hexwire.trace.capture import traffic_of
     from hexwire.trace.pcap import write_pcapng
@@ -375,7 +360,7 @@ def _finite_or_null(value: object) -> object:
 def bag_recording(folder: str, *, force: bool, optional: bool = False) -> Iterator[None]:
     """In this context, traffic and joint states are recorded in a bag of ROS 2.
 
-    Arguments and errors are those of `hexwire.cli.record.recording`. The bag gets the URDF of each robot
+    Arguments and errors are those of `capturing`. The bag gets the URDF of each robot
     whose states are read, if it has a geometry.
     """
     from hexwire.ros2.bag import BagRecording
