@@ -158,7 +158,7 @@ class Machine:
     name = ""
 
     def __init__(self, faults: tuple[str, ...], *, seed: int = 0) -> None:
-        plan = FaultPlan.parse(faults, seed=seed)
+        plan = FaultPlan(faults, seed=seed)
         self.wire = ServoWire(make_hex7bot_servos(seed=seed), baud=115200, faults=plan)
         self.line = ServoLine(self.wire, self._bus_put)
         self.received = bytearray()

@@ -91,7 +91,7 @@ class BoardUnderTest:
 
     Args:
         kind: emulator, core or chip.
-        faults: As for `FaultPlan.parse`.
+        faults: As for `FaultPlan`.
     """
 
     def __init__(self, kind: str, faults: tuple[str, ...] = ()) -> None:

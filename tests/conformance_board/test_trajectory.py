@@ -604,7 +604,7 @@ def test_a_joint_that_falls_silent_ends_it(make: Make, joint: int) -> None:
     rider.add(line(300, 6, 0.25), last=True)
     rider.start()
     rider.run(0.3)
-    rider.machine.wire.faults = FaultPlan.parse([f"silent:{joint}"])
+    rider.machine.wire.faults = FaultPlan([f"silent:{joint}"])
     rider.until(PathState.FAULT)
     others = [i for i in range(7) if i != joint]
     assert all(rider.shafts()[i] < START[i] + 280 for i in others)

@@ -164,7 +164,7 @@ def test_a_silent_joint_has_a_moment_of_grace() -> None:
     rider.load(mask=0x03, seconds=2.0)
     rider.start()
     rider.run(0.3)
-    rider.board.wire.faults = FaultPlan.parse(["silent:1"])
+    rider.board.wire.faults = FaultPlan(["silent:1"])
     rider.run(0.1)
     assert rider.look().state == PathState.RUNNING
     # No targets for a joint that may have lost its torque.
@@ -176,7 +176,7 @@ def test_a_silent_joint_has_a_moment_of_grace() -> None:
     rider.run(0.15)
     assert rider.look().state == PathState.RUNNING
     assert rider.targets(1, rider.now - 0.03)
-    rider.board.wire.faults = FaultPlan.parse(["silent:1"])
+    rider.board.wire.faults = FaultPlan(["silent:1"])
     rider.run(0.3)
     assert rider.look().state == PathState.BRAKING
     rider.board.wire.faults = FaultPlan()
@@ -191,7 +191,7 @@ def test_a_joint_that_comes_back_without_torque_ends_it_and_gets_no_target(joint
     rider.load(seconds=2.0)
     rider.start()
     rider.run(0.3)
-    rider.board.wire.faults = FaultPlan.parse([f"silent:{joint}"])
+    rider.board.wire.faults = FaultPlan([f"silent:{joint}"])
     rider.run(0.07)
     rider.board.wire[joint].registers.put("torque_enable", 0)
     rider.board.wire.faults = FaultPlan()

@@ -154,7 +154,7 @@ def test_a_brownout_silences_both_lines() -> None:
 
 
 def test_an_empty_plan_does_nothing() -> None:
-    plan = FaultPlan.parse([])
+    plan = FaultPlan([])
     assert plan.host_in(b"abc", 0.0) == plan.bus_heard(b"abc") == b"abc"
     assert plan.bus_answer(4, b"abc") == (b"abc", 0.0)
     assert plan.bus_answer(4, None) == (b"", 0.0)

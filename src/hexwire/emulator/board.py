@@ -458,7 +458,7 @@ def make_hex7bot_board(
         host_rate: Own rate of the host line; 0 if it has none.
         numbers: As of `EmulatedBoard`.
     """
-    plan = FaultPlan.parse(faults, seed=seed, start=start)
+    plan = FaultPlan(faults, seed=seed, start=start)
     wire = ServoWire(make_hex7bot_servos(seed=seed, start=start), baud=baud, faults=plan)
     return EmulatedBoard(
         wire, dialect=dialect, faults=plan, module=module, start=start, host_rate=host_rate, numbers=numbers

@@ -149,6 +149,9 @@ class FaultPlan:
         faults: Parsed or written specifications.
         seed: Seed of the random numbers.
         start: The time from which T counts.
+
+    Raises:
+        UsageError: As `parse_fault`.
     """
 
     def __init__(self, faults: Iterable[Fault | str] = (), *, seed: int = 0, start: float = 0.0) -> None:
@@ -164,15 +167,6 @@ class FaultPlan:
         self._outages = [(start + fault.at, start + fault.at + fault.duration) for fault in self._of("brownout")]
         self._board_at = 0
         self._servos_back = sorted(end for _, end in self._outages)
-
-    @classmethod
-    def parse(cls, specs: Iterable[str], *, seed: int = 0, start: float = 0.0) -> FaultPlan:
-        """Make a plan from written specifications.
-
-        Raises:
-            UsageError: As `parse_fault`.
-        """
-        return cls(specs, seed=seed, start=start)
 
     @classmethod
     def for_bus(cls, specs: Iterable[str], *, seed: int = 0, start: float = 0.0) -> FaultPlan:
