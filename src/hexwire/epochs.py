@@ -347,9 +347,7 @@ class _Within:
         self._before, self._calls.token = self._calls.token, self.token
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._calls.token = self._before
 
 

@@ -12,13 +12,10 @@ import os
 import stat
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, Self
+from typing import Protocol, Self
 
 from hexwire.errors import UsageError
 from hexwire.system import BINARY, CLOSE_ON_EXEC, HAS_FOLDER_DESCRIPTORS, NO_FOLLOW, user_id, user_name
-
-if TYPE_CHECKING:
-    from types import TracebackType
 
 __all__ = [
     "Folder",
@@ -67,9 +64,7 @@ class Folder(Protocol):
 
     def __enter__(self) -> Self: ...
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
+    def __exit__(self, *_: object) -> None: ...
 
 
 class _Closing:
@@ -79,9 +74,7 @@ class _Closing:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 

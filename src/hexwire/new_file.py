@@ -11,14 +11,11 @@ import os
 import secrets
 import stat
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, Self
+from typing import BinaryIO, Self
 
 from hexwire.errors import UsageError
 from hexwire.folders import open_folder
 from hexwire.system import user_id, user_name
-
-if TYPE_CHECKING:
-    from types import TracebackType
 
 __all__ = ["OutputFile"]
 
@@ -145,9 +142,7 @@ class OutputFile:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
             self.keep()
         else:

@@ -11,7 +11,7 @@ import math
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 from hexwire.errors import LinkError, LinkLostError, LinkTimeoutError, RemoteProtocolError
 from hexwire.ipc.connections import module_identity, random_number
@@ -25,9 +25,6 @@ from hexwire.wire.command_frame import Command, Frame, Status
 from hexwire.wire.modules import ModuleType
 from hexwire.wire.robot_bodies import JoystickState
 
-if TYPE_CHECKING:
-    from types import TracebackType
-
 __all__ = ["JoystickReceiver", "JoystickSender"]
 
 _FORGET_ORDER = 1.0
@@ -35,7 +32,7 @@ _FORGET_ORDER = 1.0
 _MOST_READS = 64
 
 
-class JoystickSender:
+class JoystickSender(Openable):
     """The end with the joystick. Open it as a context manager, and send the state about 50 times per second.
 
     Args:
@@ -55,6 +52,14 @@ class JoystickSender:
         """A sender over the channel of JOY_STICK that a configuration file names."""
         return cls(Session.from_conf(file, ModuleType.JOY_STICK))
 
+    def open(self) -> None:
+        """Open the channel; raises as `Session.open`."""
+        self.session.open()
+
+    def close(self) -> None:
+        """Close the channel."""
+        self.session.close()
+
     def send(self, state: JoystickState) -> None:
         """Send a state, without confirmation. Over datagrams, states are lost until the other end answers.
 
@@ -62,15 +67,6 @@ class JoystickSender:
             LinkError: The line accepts no bytes.
         """
         self.session.send(Command.JOYSTICK, state.serialize())
-
-    def __enter__(self) -> Self:
-        self.session.open()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.session.close()
 
 
 class JoystickReceiver(Openable):

@@ -23,8 +23,6 @@ from .mcap_file import MAGIC, load_mcap, read_records
 from .recording import JOINT_STATES, RecordingWriter
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from hexwire.model.state import JointState
 
     from .mcap_file import Readable
@@ -124,9 +122,7 @@ class Capture:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is not None:
             self.abandon()
         self.close()

@@ -15,13 +15,10 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Protocol, Self
+from typing import Any, BinaryIO, Protocol, Self
 
 from hexwire.errors import UsageError
 from hexwire.new_file import OutputFile
-
-if TYPE_CHECKING:
-    from types import TracebackType
 
 __all__ = ["MAGIC", "McapIndex", "NewMcapFile", "Readable", "load_mcap", "read_records"]
 
@@ -115,9 +112,7 @@ class NewMcapFile:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         # An error ends the recording; what was recorded before is kept.
         if kind is not None and not self.count:
             self.discard()
