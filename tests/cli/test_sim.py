@@ -28,7 +28,7 @@ def made(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
             assert device is asked["device"]
             asked.update(serve=options)
 
-        def serve(self, stop: Callable[[], bool], announce: Callable[[str], None]) -> None:
+        def serve(self, stop: Callable[[], bool], announce: Callable[[str], None], **_: Any) -> None:
             asked["serve"]["stop"] = stop
             announce("/dev/pts/77")
 
@@ -64,7 +64,7 @@ def test_an_unpaced_line_has_an_unpaced_bus(made: dict[str, Any], baud: str, bus
 def test_it_ends_with_its_input_if_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     ended = []
 
-    def serve(server: object, stop: Callable[[], bool], announce: object) -> None:
+    def serve(server: object, stop: Callable[[], bool], *_: object, **__: object) -> None:
         while not stop():
             pass
         ended.append(True)

@@ -24,7 +24,7 @@ def test_a_port_without_a_terminal(device: list[str], monkeypatch: pytest.Monkey
         def __init__(self, device: object, host: str, port: int, **_: object) -> None:
             served.append((host, port))
 
-        def serve(self, stop: object, announce: object) -> None:
+        def serve(self, *_: object, **__: object) -> None:
             pass
 
     monkeypatch.setattr("hexwire.emulator.serve_tcp.TcpServer", Server)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import sys
 import threading
 from types import SimpleNamespace
@@ -9,11 +10,13 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from tests.emulator.loopback import Loopback
 
 from hexwire.emulator import serve_view
 from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.bus_arms import make_bus_arm
 from hexwire.emulator.physics import PhysicsTwin
+from hexwire.emulator.serve import DeviceServer
 from hexwire.emulator.serve_view import TwinView, open_window
 from hexwire.errors import UsageError
 from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
@@ -117,25 +120,24 @@ def test_a_closed_window_ends_it() -> None:
     assert window.pictures == []
 
 
-def test_a_board_is_woken_for_every_picture() -> None:
-    _, _, _, view = so_view()
-    view.step(5.0)
-    for due, expected in ((None, view.next_frame), (5.001, 5.001), (9.0, view.next_frame)):
-        calls: list[Any] = []
-        device = SimpleNamespace(
-            next_event_time=lambda due=due: due,
-            receive=lambda *a, calls=calls: calls.append(a),
-            step=lambda now, calls=calls: calls.append(now),
-            data_to_send=lambda: b"out",
-            reset=lambda now, calls=calls: calls.append(-now),
-        )
-        both = view.with_device(device)  # type: ignore[arg-type]
-        assert both.next_event_time() == pytest.approx(expected)
-        both.receive(b"in", 1.0)
-        both.step(2.0)
-        both.reset(3.0)
-        assert calls == [(b"in", 1.0), 2.0, -3.0]
-        assert both.data_to_send() == b"out"
+@pytest.mark.parametrize("shows", [False, True])
+def test_a_server_looks_for_every_picture(shows: bool) -> None:
+    waits: list[float] = []
+
+    class Server(DeviceServer):
+        def open(self) -> str:
+            return "here"
+
+        def close(self) -> None:
+            waits.append(math.inf)
+
+        def run_once(self, timeout: float = 1.0) -> None:
+            waits.append(timeout)
+
+    Server(Loopback(), baud=0, reset_on_open=False, hands=None).serve(
+        lambda: len(waits) == 3, lambda address: None, shows=shows
+    )
+    assert waits == [pytest.approx(1 / 30 if shows else 0.25)] * 3 + [math.inf]
 
 
 def test_without_a_display_it_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from hexwire.emulator.hand import Hands
     from hexwire.emulator.physics import PhysicsTwin
     from hexwire.emulator.serve import ServedDevice
-    from hexwire.emulator.serve_view import TwinView
     from hexwire.emulator.servo import EmulatedServo
     from hexwire.link.poll_link import PollLink
     from hexwire.model.arm import ArmModel
@@ -127,6 +126,7 @@ def serve_device(
     rate: Callable[[], int] | None = None,
     stop: Callable[[], bool],
     announce: Callable[[str], None],
+    shows: bool = False,
 ) -> None:
     """Serve a device until told to stop; arguments as of `PtyServer`, `TcpServer` and `DeviceServer.serve`.
 
@@ -139,7 +139,7 @@ def serve_device(
         except ImportError:
             no_terminals()
         server = PtyServer(device, link=link, baud=baud, reset_on_open=reset_on_open, hands=hands, rate=rate)
-        server.serve(stop, announce)
+        server.serve(stop, announce, shows=shows)
         return
     from hexwire.emulator.serve_tcp import TcpServer
     from hexwire.link.url import is_loopback
@@ -149,7 +149,8 @@ def serve_device(
     host, port = parse_address(tcp)
     if not is_loopback(host):
         note(f"warning: anyone who reaches TCP on {host} can command this emulated arm")
-    TcpServer(device, host, port, baud=baud, reset_on_open=reset_on_open, hands=hands).serve(stop, announce)
+    tcp_server = TcpServer(device, host, port, baud=baud, reset_on_open=reset_on_open, hands=hands)
+    tcp_server.serve(stop, announce, shows=shows)
 
 
 def no_terminals() -> NoReturn:
@@ -160,8 +161,8 @@ def no_terminals() -> NoReturn:
 @contextmanager
 def shown(
     twin: PhysicsTwin | None, servos: Sequence[EmulatedServo], stop: Callable[[], bool], *, view: bool
-) -> Iterator[tuple[TwinView | None, Callable[[], bool]]]:
-    """The window of a twin while the block runs, if `view`, and what tells the emulator to stop.
+) -> Iterator[Callable[[], bool]]:
+    """A window with a twin while the block runs, if `view`; gives what tells the emulator to stop, and shows it.
 
     Args:
         twin: None if there are no physics.
@@ -173,7 +174,7 @@ def shown(
         UsageError: There are no physics to show, or no window can be opened.
     """
     if not view:
-        yield None, stop
+        yield stop
         return
     if twin is None:
         raise UsageError("--view needs --physics")
@@ -181,7 +182,7 @@ def shown(
 
     window = TwinView(twin, servos)
     try:
-        yield window, lambda: stop() or not window.step(time.monotonic())
+        yield lambda: stop() or not window.step(time.monotonic())
     finally:
         window.close()
 
@@ -260,13 +261,12 @@ def board(
     elif payload is not None:
         raise UsageError("--payload needs --physics")
     announce = _announcing("hexwire state", "the board")
-    with shown(twin, device.wire.servos, offer.ended(), view=offer.view) as (window, stop):
-        served = device if window is None else window.with_device(device)
+    with shown(twin, device.wire.servos, offer.ended(), view=offer.view) as stop:
         if messages is not None:
-            serve_queue(served, messages, stop=stop, announce=announce)
+            serve_queue(device, messages, stop=stop, announce=announce, shows=offer.view)
             return
         serve_device(
-            served,
+            device,
             tcp=offer.tcp,
             link=offer.link,
             baud=baud,
@@ -275,6 +275,7 @@ def board(
             rate=(lambda: device.host_rate) if device.host_rate else None,
             stop=stop,
             announce=announce,
+            shows=offer.view,
         )
 
 
@@ -393,7 +394,7 @@ def bus(
         servos = make_servos(kinds, parse_ids(ids), baud=rates, seed=seed, start=time.monotonic())
     plan = FaultPlan.for_bus(faults, seed=seed, start=time.monotonic())
     announce = _announcing("hexwire bus scan", "the bus")
-    with shown(twin, servos, offer.ended(), view=offer.view) as (_, stop):
+    with shown(twin, servos, offer.ended(), view=offer.view) as stop:
         if offer.tcp is not None:
             device = BusDevice(servos, paced=bool(rates[0]), faults=plan, echo=echo)
             hands = Hands(servos, model)

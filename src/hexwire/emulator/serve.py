@@ -20,11 +20,13 @@ if TYPE_CHECKING:
     from .hand import Hands
     from .serve_hand import HandServer
 
-__all__ = ["Arrivals", "BoardLink", "DeviceServer", "FakeClock", "PacedLine", "ServedDevice", "deliver"]
+__all__ = ["FRAME", "Arrivals", "BoardLink", "DeviceServer", "FakeClock", "PacedLine", "ServedDevice", "deliver"]
 
 _BITS = 10
 _STALL = 0.02
 """Seconds by which a server may be late before that is a stall."""
+FRAME = 1 / 30
+"""Seconds between two pictures of a twin."""
 _IDLE = 0.25
 _SLICE = 0.001
 """Seconds between two looks at a paced line in use."""
@@ -290,17 +292,18 @@ class DeviceServer(ABC):
     def run_once(self, timeout: float = _IDLE) -> None:
         """Wait for bytes, a host or the next event, at most `timeout` seconds, and act on them."""
 
-    def serve(self, stop: Callable[[], bool], announce: Callable[[str], None]) -> None:
+    def serve(self, stop: Callable[[], bool], announce: Callable[[str], None], *, shows: bool = False) -> None:
         """Serve until told to stop.
 
         Args:
             stop: Called at least every quarter of a second; True ends it.
             announce: Called with the address for hosts once the line is open.
+            shows: `stop` shows pictures of a twin, and is called for each of them.
         """
         try:
             announce(self.open())
             while not stop():
-                self.run_once()
+                self.run_once(FRAME if shows else _IDLE)
         finally:
             self.close()
 

@@ -14,7 +14,7 @@ from hexwire.errors import LinkError, LinkTimeoutError
 from hexwire.link.listener import Listener
 from hexwire.system import READABLE, make_poll
 
-from .serve import Arrivals, DeviceServer, PacedLine, ServedDevice, deliver
+from .serve import FRAME, Arrivals, DeviceServer, PacedLine, ServedDevice, deliver
 from .serve_hand import port_name
 
 if TYPE_CHECKING:
@@ -134,7 +134,12 @@ class TcpServer(DeviceServer):
 
 
 def serve_queue(
-    device: ServedDevice, link: Link, *, stop: Callable[[], bool], announce: Callable[[str], None]
+    device: ServedDevice,
+    link: Link,
+    *,
+    stop: Callable[[], bool],
+    announce: Callable[[str], None],
+    shows: bool = False,
 ) -> None:
     """Serve a device on a link that keeps messages until told to stop; what nobody takes is lost.
 
@@ -143,14 +148,16 @@ def serve_queue(
         link: The server's end of a queue; opened and closed here.
         stop: Called at least every quarter of a second; True ends it.
         announce: Called with the address for hosts once the link is open.
+        shows: As of `DeviceServer.serve`.
     """
+    idle = FRAME if shows else _IDLE
     with link:
         announce(link.url.partition("?")[0])
         arrivals, line = Arrivals(), PacedLine(0)
         while not stop():
             begun = time.monotonic()
             due = device.next_event_time()
-            deadline = begun + _IDLE if due is None else min(due, begun + _IDLE)
+            deadline = begun + idle if due is None else min(due, begun + idle)
             data = link.read(deadline)
             now = time.monotonic()
             arrived = arrivals.since(begun, max(0.0, deadline - begun), now)

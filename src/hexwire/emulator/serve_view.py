@@ -13,15 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 from hexwire.errors import UsageError
 
+from .serve import FRAME
+
 if TYPE_CHECKING:
     from .physics import PhysicsTwin
-    from .serve import ServedDevice
     from .servo import EmulatedServo
 
-__all__ = ["ShownDevice", "TwinView", "open_window"]
+__all__ = ["TwinView", "open_window"]
 
-_FRAME = 1 / 30
-"""Seconds between two pictures."""
 _AWAY = 1.6
 """Distance of the camera, as a multiple of the arm's reach."""
 _OPENS = 20.0
@@ -62,17 +61,12 @@ class TwinView:
             camera.distance = _AWAY * model.stat.extent
             camera.azimuth, camera.elevation = model.vis.global_.azimuth, model.vis.global_.elevation
 
-    @property
-    def next_frame(self) -> float:
-        """When `step` has to be called next, on the clock of `step`."""
-        return self._next
-
     def step(self, now: float) -> bool:
         """Show the twin as it is now, if a picture is due; False once the window is closed."""
         if not self._window.is_running():
             return False
         if now >= self._next:
-            self._next = now + _FRAME
+            self._next = now + FRAME
             for servo in self._servos:
                 servo.step(now)
             with self._window.lock():
@@ -80,46 +74,9 @@ class TwinView:
             self._window.sync()
         return True
 
-    def with_device(self, device: ServedDevice) -> ShownDevice:
-        """A board that is woken in time for every picture."""
-        return ShownDevice(device, self)
-
     def close(self) -> None:
         """Close the window."""
         self._window.close()
-
-
-class ShownDevice:
-    """An emulated board that is woken for every picture of a view, too.
-
-    Args:
-        device: The board.
-        view: The window.
-    """
-
-    def __init__(self, device: ServedDevice, view: TwinView) -> None:
-        self._device, self._view = device, view
-
-    def receive(self, data: bytes, now: float) -> None:
-        """As of the device."""
-        self._device.receive(data, now)
-
-    def step(self, now: float) -> None:
-        """As of the device."""
-        self._device.step(now)
-
-    def data_to_send(self) -> bytes:
-        """As of the device."""
-        return self._device.data_to_send()
-
-    def next_event_time(self) -> float | None:
-        """When the device or the view has something to do."""
-        due = self._device.next_event_time()
-        return self._view.next_frame if due is None else min(due, self._view.next_frame)
-
-    def reset(self, now: float) -> None:
-        """As of the device."""
-        self._device.reset(now)
 
 
 def open_window(model: Any, data: Any) -> Any:
