@@ -33,13 +33,13 @@ from hexwire.wire.servo_packet import BROADCAST_ID
 
 from .board_bus import BoardBus, Clock, Job, Pause, Wait
 from .board_chapter import status_bytes, sync_write_rows
-from .board_messages import BoardMessages, Consumer
+from .board_messages import BoardMessages
 from .board_orders import BoardOrders
 from .board_rate import LineRate
 from .board_state import BoardState, JointSlot
 from .board_stop import Stopping, StopQueue
 from .board_table import BoardTable, TableMessage
-from .board_trajectory import BoardTrajectory, TrajectoryCommands
+from .board_trajectory import BoardTrajectory, PointsMessage, TrajectoryCommands
 from .gate import MAX_REPLY, RefusedError, check_packet
 
 __all__ = ["Dialect2"]
@@ -88,7 +88,7 @@ class Dialect2:
         self._orders = BoardOrders(state, bus, clock)
         self._trajectory = TrajectoryCommands(state, trajectory, self._orders, clock)
         table = BoardTable(state, bus, self._orders, trajectory)
-        consumers: dict[int, Callable[[], Consumer]] = {
+        consumers: dict[int, Callable[[], TableMessage | PointsMessage]] = {
             Command.TRAJECTORY_POINTS: self._trajectory.points_message,
             Command.SERVO_TABLE: lambda: TableMessage(table),
         }

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 from hexwire.errors import RemoteProtocolError
 from hexwire.session.connection import Connection
@@ -20,10 +19,11 @@ from hexwire.wire.servo_table import TABLE_HEAD_SIZE, ServoTable
 from hexwire.wire.tables import EXT_REPLY
 
 from .board_bus import Clock, Job, Wait
-from .board_table import BoardTable
+from .board_table import BoardTable, TableMessage
+from .board_trajectory import PointsMessage
 from .gate import RefusedError
 
-__all__ = ["BoardMessages", "Consumer"]
+__all__ = ["BoardMessages"]
 
 _ASKS_FOR = 2
 """Chunks that the board asks for at a time."""
@@ -31,29 +31,11 @@ _CHUNK = 132
 """Bytes of a chunk that the board sends."""
 
 
-class Consumer(Protocol):
-    """A command that takes its body as it comes."""
-
-    head_size: int
-
-    def begin(self, head: bytes, check_length: Callable[[int], None]) -> None:
-        """Check the fixed part; `check_length` must be called with the length of the whole body."""
-
-    def take(self, data: bytes) -> Job:
-        """Use the bytes that come next."""
-
-    def finish(self) -> bytes:
-        """All has come; returns the body of the reply."""
-
-    def drop(self) -> None:
-        """The message will not be finished."""
-
-
 @dataclass(slots=True)
 class _MessageTaken:
     src: int
     head: FragmentHead
-    consumer: Consumer
+    consumer: TableMessage | PointsMessage
     size: int
     last_size: int
     next: int = 0
@@ -94,7 +76,7 @@ class BoardMessages:
         connection: Connection,
         clock: Clock,
         table: BoardTable,
-        consumers: dict[int, Callable[[], Consumer]],
+        consumers: dict[int, Callable[[], TableMessage | PointsMessage]],
     ) -> None:
         self._connection = connection
         self._clock = clock
