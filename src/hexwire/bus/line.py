@@ -11,7 +11,7 @@ from contextlib import AbstractContextManager, nullcontext, suppress
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, TypeVar
 
-from hexwire.epochs import Epochs
+from hexwire.epochs import Epochs, Token
 from hexwire.errors import NotSupportedError, PreemptedError, UsageError
 from hexwire.session.effects import packet_only_reads
 from hexwire.system import SLEEP_ERROR
@@ -22,7 +22,6 @@ from .machine import ADAPTER_TIME, MEASURED_EVERY, BusMachine, Conversation, Hea
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from hexwire.epochs import Token
     from hexwire.link.base import Link
 
     from .plan import ReadPlan, SyncReadPlan

@@ -11,7 +11,6 @@ Each function is a conversation of a `BusMachine`; see there. No I/O and no cloc
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING
 
 from hexwire.session.servo_answers import AnswerCollector
 from hexwire.wire.registers import Series
@@ -19,9 +18,6 @@ from hexwire.wire.servo_packet import StatusPacket, make_ping, make_read
 
 from .machine import ADAPTER_TIME, BusMachine, Conversation
 from .plan import LEGACY_READ, SyncReadPlan
-
-if TYPE_CHECKING:
-    from hexwire.wire.servo_packet import StatusPacket
 
 __all__ = ["BlockAnswers", "ask_block", "ask_many", "ask_one", "ask_registers", "is_there", "places", "settle"]
 

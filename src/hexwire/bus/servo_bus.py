@@ -15,11 +15,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Self
 
 from hexwire.errors import NotSupportedError, RemoteProtocolError, UsageError
-from hexwire.link.base import Openable
+from hexwire.link.base import Link, Openable
 from hexwire.session.servo_answers import AnswerCollector, expected_answer
 from hexwire.wire import servo_packet as packets
 from hexwire.wire.registers import Register, Series
-from hexwire.wire.servo_packet import BROADCAST_ID, make_sync_write
+from hexwire.wire.servo_packet import BROADCAST_ID, StatusPacket, make_sync_write
 from hexwire.wire.tables import LEGACY_HEADER, MAX_SERVO_ID
 
 from . import questions
@@ -29,12 +29,7 @@ from .servos import KnownServos, as_series
 from .values import SILENT, Answer, Reading, Readings, ServoBlock, why
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from hexwire.epochs import Epochs
-    from hexwire.link.base import Link
-    from hexwire.wire.registers import Register
-    from hexwire.wire.servo_packet import StatusPacket
 
     from .machine import BusCounters, BusMachine, Conversation
     from .timing import LineTiming

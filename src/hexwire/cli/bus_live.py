@@ -22,7 +22,7 @@ import click
 
 from hexwire.bus.ids import parse_ids
 from hexwire.errors import HexwireError, ServoError
-from hexwire.model.state import JointFlag
+from hexwire.model.state import JointFlag, JointReading
 from hexwire.new_file import OutputFile
 
 from .bus import BusOptions, bus_options, known_servo, open_bus
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from hexwire.bus.latency import Bins
     from hexwire.bus.live_values import LiveValues
     from hexwire.drivers.bus_arm import BusArm
-    from hexwire.model.state import JointReading
     from hexwire.motion.step_response import StepFigures
     from hexwire.setup.servo_wave import WaveEnd, WaveSample
 

@@ -15,7 +15,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from typing import IO, TYPE_CHECKING
 
@@ -28,8 +28,6 @@ from .options import attached, early_port, is_typed, number_option, observed_dri
 from .output import say
 
 if TYPE_CHECKING:
-    from contextlib import AbstractContextManager
-
     from hexwire.control.loop.loop import LoopCounters, RateLoop
     from hexwire.drivers.hex7bot import Hex7BotDriver
     from hexwire.model.arm import ArmModel

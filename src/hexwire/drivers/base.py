@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 from hexwire.arguments import DATA, FLAG, NAME, NAMES, SECONDS, WHOLE, Wanted, check, checked, one_of, or_none
 from hexwire.epochs import Epochs
 from hexwire.errors import HexwireError, LinkError, NotSupportedError, ReplyTimeoutError, StoppedError, UsageError
-from hexwire.model.state import JointTarget, NewestState
+from hexwire.model.state import JointState, JointTarget, NewestState, SentTarget
 
 from .abilities import Counters, ObeysGains, Watchdog
 from .robot_state import RobotState
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from hexwire.link.diagnose import Finding
     from hexwire.model.arm import ArmModel
     from hexwire.model.kinematics import KinematicModel
-    from hexwire.model.state import JointState, SentTarget
 
 
 __all__ = ["JointProbe", "ProbeReport", "RobotDriver", "RobotState", "Signal", "StopCause", "StopLatch", "StopMode"]

@@ -9,12 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from hexwire.wire.commands import ALL_FIELDS
+from hexwire.wire.commands import ALL_FIELDS, LimitRow, OffsetRow
 
 if TYPE_CHECKING:
     from hexwire.model.state import JointState, JointTarget, SentTarget
     from hexwire.wire.command_frame import Frame
-    from hexwire.wire.commands import LimitRow, OffsetRow
 
     from .timed_path import TimedPath
     from .values import JointProbe, StopMode

@@ -14,7 +14,7 @@ prepared once.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from math import ceil
@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from hexwire.bus import setup as servo_setup
 from hexwire.bus.servo_bus import ServoBus
-from hexwire.bus.values import ServoBlock, instead_in
+from hexwire.bus.values import Reading, Readings, ServoBlock, instead_in
 from hexwire.errors import NotSupportedError, ReplyTimeoutError, UsageError
 from hexwire.ipc.board_search import explain_no_servo
 from hexwire.link.serial_port import DEFAULT_BAUD
@@ -47,13 +47,8 @@ from .stop_memory import StopMemory
 from .values import JointProbe
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Mapping, Sequence
-
-    from hexwire.bus.values import Reading, Readings
     from hexwire.link.base import Link
     from hexwire.link.diagnose import Finding
-    from hexwire.model.arm import ArmModel
-    from hexwire.model.calibration import Calibration
 
 __all__ = [
     "FAULTS",

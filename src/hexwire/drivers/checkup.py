@@ -19,7 +19,7 @@ from hexwire.ipc.board_search import find_board
 from hexwire.ipc.mistaken import find_servos, is_servo_bus
 from hexwire.link.adapter import inspect_adapter
 from hexwire.link.diagnose import Finding, Level
-from hexwire.model.state import JointFlag
+from hexwire.model.state import JointFlag, JointReading, JointState
 from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import iter_status, make_ping, strip_echo
 
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from hexwire.bus.servo_bus import ServoBus
     from hexwire.link.base import Link
     from hexwire.model.arm import ArmModel, JointModel
-    from hexwire.model.state import JointReading, JointState
 
     from .values import JointProbe, ProbeReport
 

@@ -48,9 +48,7 @@ from .stop_memory import CalmBoard, StopMemory
 
 if TYPE_CHECKING:
     from hexwire.link.diagnose import Finding
-    from hexwire.model.state import JointState
 
-    from .board import Board
     from .timed_path import TimedPath
 
 __all__ = ["FLAGS_ONLY", "Hex7BotDriver", "StandingOrders"]

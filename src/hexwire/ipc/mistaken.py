@@ -13,10 +13,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from time import monotonic
-from typing import TYPE_CHECKING
 
 from hexwire.errors import UsageError, WrongDeviceError
-from hexwire.link.base import LinkKind
+from hexwire.link.base import Link, LinkKind
 from hexwire.session.connection import Connection
 from hexwire.session.negotiate import Negotiated, NegotiationFailed, Negotiator
 from hexwire.session.policy import RetryPolicy
@@ -27,9 +26,6 @@ from hexwire.wire.tables import PROTO_CHAPTER, PROTO_HEXWIRE
 
 from .connections import host_connection
 from .handle import IpcHandle
-
-if TYPE_CHECKING:
-    from hexwire.link.base import Link
 
 __all__ = ["find_robot", "find_servos", "is_board", "is_puma", "is_servo_bus"]
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -18,8 +18,6 @@ from hexwire.units import decimal
 from .pose import Matrix, Pose, Vector
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from .arm import ArmModel
 
 __all__ = ["JointRange", "KinematicModel", "Reach", "Singularity", "Solution", "numpy_or_none", "wrap"]

@@ -12,11 +12,10 @@ from typing import TYPE_CHECKING
 
 from .geometry import make_shapes
 from .palette import joint_colour
-from .shapes import COLOURS
+from .shapes import COLOURS, ArmShapes, Inertia, Shape, ShapeJoint
 
 if TYPE_CHECKING:
     from .kinematics import KinematicModel
-    from .shapes import ArmShapes, Inertia, Shape, ShapeJoint
 
 __all__ = ["ROOT_LINK", "TIP_LINK", "make_urdf"]
 

@@ -8,14 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from hexwire.control.loop.outcomes import Outcome, Reason
+from hexwire.control.loop.outcomes import Ended, Outcome, Reason
 from hexwire.control.motion.goal_fields import CODES, tolerance_rows
 from hexwire.control.requests.client_goals import ClientGoals, ClientRequest
 
 from .values import trajectory_of
 
 if TYPE_CHECKING:
-    from hexwire.control.loop.outcomes import Ended
     from hexwire.control.requests.controlled_arm import ControlledArm
 
 __all__ = ["ActionClient", "ActionGoals"]

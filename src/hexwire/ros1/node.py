@@ -40,7 +40,7 @@ from hexwire.control.requests.diagnostics import Row, RowLevel
 from hexwire.control.requests.teach_mode import to_points, tolerance_of
 from hexwire.errors import DeviceError, HexwireError, UsageError
 
-from .actions import ActionGoals
+from .actions import ActionClient, ActionGoals
 from .messages import control_msgs, control_srvs, osrf_msgs
 from .parameters import load_parameters
 from .values import trajectory_of
@@ -52,7 +52,6 @@ if TYPE_CHECKING:
     from hexwire.model.state import JointState
     from hexwire.motion.teach import Taught
 
-    from .actions import ActionClient
 
 __all__ = ["run"]
 

@@ -12,13 +12,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from hexwire.control.requests.setting import Faults, Setting
-from hexwire.control.requests.settings import CONTROLLER_SETTINGS, REPORT_SETTINGS, SETTINGS
+from hexwire.control.requests.settings import CONTROLLER_SETTINGS, REPORT_SETTINGS, SETTINGS, Settings
 from hexwire.control.requests.settings_reader import read_settings
 from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.link.ports import find_only_board
 
 if TYPE_CHECKING:
-    from hexwire.control.requests.settings import Settings
     from hexwire.drivers.base import RobotDriver
 
 __all__ = ["FOREIGN", "OWN", "PARAMETERS", "Parameters", "load_parameters"]

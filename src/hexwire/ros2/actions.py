@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from hexwire.control.loop.outcomes import Outcome, Reason
+from hexwire.control.loop.outcomes import Ended, Outcome, Reason
 from hexwire.control.motion.goal_fields import CODES as USUAL_CODES
 from hexwire.control.motion.goal_fields import ErrorCode
 from hexwire.control.requests.client_goals import ClientGoals
@@ -17,7 +17,6 @@ from hexwire.control.requests.client_goals import ClientGoals
 from .values import request_of
 
 if TYPE_CHECKING:
-    from hexwire.control.loop.outcomes import Ended
     from hexwire.control.requests.controlled_arm import ControlledArm
     from zenoh_ros2 import GoalHandle
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -25,9 +25,12 @@ from zenoh_ros2 import (
     ActionServer,
     Deferred,
     Descriptor,
+    Inbox,
     Lifecycle,
     Node,
+    NodeOptions,
     ParameterServer,
+    Publisher,
     Qos,
     Reliability,
     Role,
@@ -48,12 +51,10 @@ from .reports import (
     Transforms,
 )
 from .ros_clock import RosClock
-from .settings import changed, descriptor_of
+from .settings import NodeSettings, changed, descriptor_of
 from .values import ARRAY, delay_of, of_array, of_joint_state, trajectory_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from hexwire.control.loop.controller import TrajectoryController
     from hexwire.control.loop.known_state import KnownState
     from hexwire.control.loop.outcomes import Progress
@@ -61,9 +62,7 @@ if TYPE_CHECKING:
     from hexwire.epochs import Token
     from hexwire.model.state import JointState
     from hexwire.motion.teach import Taught
-    from zenoh_ros2 import Inbox, NodeOptions, Publisher
 
-    from .settings import NodeSettings
 
 __all__ = ["NAME", "HardwareInterface"]
 

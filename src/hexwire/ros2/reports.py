@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from hexwire.control.requests.teach_mode import to_points, tolerance_of
 from hexwire.model.pose import multiply, quaternion, rotation_about, rotation_from_rpy
-from zenoh_ros2 import seconds_of, time_fields
+from zenoh_ros2 import Types, seconds_of, time_fields
 
 if TYPE_CHECKING:
     from hexwire.control.loop.known_state import KnownState
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel
     from hexwire.model.shapes import ArmShapes, ShapeJoint
     from hexwire.motion.teach import Taught
-    from zenoh_ros2 import Types
 
 __all__ = [
     "CONTROLLER_STATE",

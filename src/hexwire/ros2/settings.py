@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from hexwire.control.requests.setting import Faults, Setting
-from hexwire.control.requests.settings import CHANGEABLE, REPORT_SETTINGS, SETTINGS
+from hexwire.control.requests.settings import CHANGEABLE, REPORT_SETTINGS, SETTINGS, ControllerSettings, Settings
 from hexwire.control.requests.settings_reader import read_settings, reread
 from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.link.ports import find_only_board
@@ -23,7 +23,6 @@ from hexwire.link.ports import find_only_board
 from .package.releases import DEFAULT_RELEASE, RELEASES
 
 if TYPE_CHECKING:
-    from hexwire.control.requests.settings import ControllerSettings, Settings
     from hexwire.drivers.base import RobotDriver
     from zenoh_ros2 import Descriptor, Distribution
 

@@ -17,11 +17,10 @@ from typing import TYPE_CHECKING
 
 from hexwire.control.loop.target import SingleMotion
 from hexwire.model.arms import Go, Seek, assembly_of
-from hexwire.model.state import JointFlag, JointTarget
+from hexwire.model.state import JointFlag, JointReading, JointState, JointTarget
 
 if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel, JointModel
-    from hexwire.model.state import JointReading, JointState
 
 __all__ = ["COUNT", "AutoCalibration"]
 

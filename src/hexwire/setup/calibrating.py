@@ -26,7 +26,7 @@ from hexwire.drivers.arm_file import BusArmFile
 from hexwire.errors import HexwireError, NotSupportedError, ServoError, StoppedError, UsageError
 from hexwire.model.arm import ArmModel
 from hexwire.model.arms import assembly_of
-from hexwire.model.calibration import Calibration
+from hexwire.model.calibration import Calibration, JointCalibration
 
 from .auto_calibration import COUNT, AutoCalibration
 from .hand_calibration import TOO_FAR, HandCalibration, ServoFacts, endless_joints, fitted, full_turn, make_row
@@ -34,7 +34,6 @@ from .hand_calibration import TOO_FAR, HandCalibration, ServoFacts, endless_join
 if TYPE_CHECKING:
     from hexwire.bus.servo_bus import ServoBus
     from hexwire.drivers.bus_arm import BusArm
-    from hexwire.model.calibration import JointCalibration
 
 __all__ = ["CalibrationBench", "counting_arm", "not_calibrated", "store", "stored_calibration"]
 

@@ -21,12 +21,11 @@ from hexwire.drivers.arm_file import BusArmFile
 from hexwire.drivers.bus_arm import BusArm
 from hexwire.errors import HexwireError, ServoError, UsageError
 from hexwire.model.arm import ArmModel, JointModel
-from hexwire.model.state import JointFlag, JointTarget
+from hexwire.model.state import JointFlag, JointReading, JointState, JointTarget
 from hexwire.motion.backlash import BACKLASH_AMPLITUDE, BACKLASH_SECONDS, backlash, backlash_angle
 
 if TYPE_CHECKING:
     from hexwire.bus.servo_bus import ServoBus
-    from hexwire.model.state import JointReading, JointState
 
 __all__ = [
     "WAVE_RATE",

@@ -10,18 +10,15 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 from hexwire.bus.identity import change_identity
-from hexwire.bus.setup import identify, scan, shares_id
-from hexwire.bus.survey import remarks, survey
+from hexwire.bus.setup import ServoInfo, identify, scan, shares_id
+from hexwire.bus.survey import Surveyed, remarks, survey
 from hexwire.errors import NotSupportedError, ServoError, UsageError
 
-from .arm_setup import SeenServo, StepKind
+from .arm_setup import ArmSetup, SeenServo, SetupStep, StepKind
 
 if TYPE_CHECKING:
     from hexwire.bus.servo_bus import ServoBus
-    from hexwire.bus.setup import ServoInfo
-    from hexwire.bus.survey import Surveyed
 
-    from .arm_setup import ArmSetup, SetupStep
 
 __all__ = ["assign", "look"]
 

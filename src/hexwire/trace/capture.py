@@ -19,13 +19,12 @@ from hexwire.link.tap import Direction, Passed
 from .explain import doubt
 from .foxglove import INFO, NSEC, WARNING, log_line
 from .line_reader import LineReader
-from .mcap_file import MAGIC, load_mcap, read_records
+from .mcap_file import MAGIC, Readable, load_mcap, read_records
 from .recording import JOINT_STATES, RecordingWriter
 
 if TYPE_CHECKING:
     from hexwire.model.state import JointState
 
-    from .mcap_file import Readable
     from .reading import FrameReading
 
 __all__ = [

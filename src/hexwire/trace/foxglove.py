@@ -16,12 +16,10 @@ from typing import TYPE_CHECKING, Any
 
 from hexwire.errors import UsageError
 from hexwire.model.palette import joint_colour
-from hexwire.model.pose import quaternion, rotation_from_rpy
-from hexwire.model.shapes import COLOURS
+from hexwire.model.pose import Matrix, Vector, quaternion, rotation_from_rpy
+from hexwire.model.shapes import COLOURS, ArmShapes, Shape
 
 if TYPE_CHECKING:
-    from hexwire.model.pose import Matrix, Vector
-    from hexwire.model.shapes import ArmShapes, Shape
     from hexwire.model.state import JointState
 
 __all__ = [

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hexwire.errors import ConfigError, UsageError
 from hexwire.inputs import Item, open_file, parse_message
@@ -27,10 +27,7 @@ from .foxglove import (
     nanoseconds,
     picture_topic,
 )
-from .mcap_file import NewMcapFile, read_records
-
-if TYPE_CHECKING:
-    from .mcap_file import Readable
+from .mcap_file import NewMcapFile, Readable, read_records
 
 __all__ = [
     "JOINT_STATES",

@@ -18,11 +18,10 @@ from typing import IO, TYPE_CHECKING
 from hexwire.errors import ConfigError, UsageError
 from hexwire.model.state import JointState
 
-from .recording import RecordingWriter, joint_states_in
+from .recording import RecordedJoints, RecordingWriter, joint_states_in
 
 if TYPE_CHECKING:
     from .mcap_file import Readable
-    from .recording import RecordedJoints
 
 __all__ = ["QUANTITIES", "PlotSeries", "TimedFile", "column_name", "read_series", "write_csv", "write_mcap"]
 
