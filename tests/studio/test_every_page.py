@@ -120,7 +120,8 @@ _DRAWN = {
     "/signals": ".uplot",
     "/wire": ".hw-wire-list",
     "/recordings": ".rc-list",
-    "/": ".hw-table",
+    # The ports of a computer without any are none.
+    "/": ".hw-emulated",
 }
 """What a page has drawn in the end."""
 
