@@ -42,6 +42,7 @@ from .group import ControllerGroup
 from .known_state import LatestState
 from .output import Output
 from .reader import StateReader, check_joints
+from .target import AHEAD
 
 if TYPE_CHECKING:
     from types import TracebackType
@@ -188,8 +189,6 @@ _log = logging.getLogger(__name__)
 
 _RETRY = 0.5
 """Seconds between two attempts to reconnect."""
-_LEAD = 1.5
-"""Duration of a target in periods, so that a late cycle does not pause the motion."""
 _PERIODS = 4.0
 """Least watchdog timeout of a borrowed robot, in periods."""
 _FEEDS = 4.0
@@ -444,7 +443,7 @@ class RobotOwner:
     @property
     def lead(self) -> float:
         """Duration of a target, seconds."""
-        return _LEAD * self.command_period
+        return AHEAD * self.command_period
 
     @property
     def watchdog(self) -> float:
@@ -732,7 +731,7 @@ class RobotOwner:
                 if self._line is not None and not self._borrowed:
                     self._see_restarts()
                 now, period = self._clock(), self.command_period
-                self._output.update(state, self._latest.speeds(state.names), now, period, _LEAD * period)
+                self._output.update(state, self._latest.speeds(state.names), now, period, AHEAD * period)
                 self._choose_rate(self._reader, state)
             self._calls.run()
         except PreemptedError:
