@@ -64,13 +64,11 @@ from hexwire.wire.tables import (
 
 from .base import JointProbe, StopMode
 from .board import BoardFacts
-from .board2_path import MOST_BODY, Board2Path, BoardTime, begin_request
+from .board2_path import DRIFT, MOST_BODY, Board2Path, BoardTime, begin_request
 from .replies import check_reply
 
 __all__ = ["Board2", "BoardClock", "StateDecoder"]
 
-_DRIFT = 0.01
-"""Difference in rate that the clocks may have. Boards with a ceramic resonator are specified to 0.5 %."""
 _WAITED = 10.0
 """Longest time that a report waits, seconds, while a later answer is taken before it."""
 _AT_ONCE = 1.0
@@ -93,7 +91,7 @@ class BoardClock:
         """
         difference = arrived - clock
         if clock > self._clock:
-            drift = _DRIFT * max(0.0, arrived - self._arrived)
+            drift = DRIFT * max(0.0, arrived - self._arrived)
             self._set(clock, arrived, min(difference, self._difference + drift))
         elif self._waited(clock, arrived):
             # A frame with a shorter transit time than those before also gives a better relation.

@@ -41,10 +41,20 @@ if TYPE_CHECKING:
     from hexwire.model.arm import JointModel
     from hexwire.session.events import Reply
 
-__all__ = ["MOST_BODY", "Board2Path", "BoardTime", "ClockRelation", "HostTime", "WrappingClock", "begin_request"]
+__all__ = [
+    "DRIFT",
+    "MOST_BODY",
+    "Board2Path",
+    "BoardTime",
+    "ClockRelation",
+    "HostTime",
+    "WrappingClock",
+    "begin_request",
+]
 
-_DRIFT = 0.01
-"""Difference in rate that the clocks may have before two exchanges tell. A ceramic resonator is good to 0.5 %."""
+DRIFT = 0.01
+"""Difference in rate that the clocks may have, unless exchanges tell a smaller one. Boards with a ceramic resonator
+are specified to 0.5 %."""
 _KEPT = 24
 """Exchanges that are kept."""
 _SPAN = 60.0
@@ -91,7 +101,7 @@ class ClockRelation:
 
     def __init__(self) -> None:
         self._exchanges: deque[_Exchange] = deque()
-        self._slowest, self._fastest = 1.0 - _DRIFT, 1.0 + _DRIFT
+        self._slowest, self._fastest = 1.0 - DRIFT, 1.0 + DRIFT
 
     def __bool__(self) -> bool:
         """Whether there was an exchange."""
@@ -164,7 +174,7 @@ class ClockRelation:
         return earliest, latest
 
     def _bound_drift(self) -> None:
-        slow, fast = 1.0 - _DRIFT, 1.0 + _DRIFT
+        slow, fast = 1.0 - DRIFT, 1.0 + DRIFT
         kept = list(self._exchanges)
         for i, a in enumerate(kept):
             for b in kept[i + 1 :]:
