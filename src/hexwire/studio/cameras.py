@@ -191,18 +191,21 @@ class Camera:
                 if picture.stamp - passed >= _SHORTEST or picture.stamp < passed:
                     passed = picture.stamp
                     self._why = ""
-                    self._pass(picture, "")
+                    self._pass(self._lookers, picture, "")
         finally:
             source.close()
 
     def _tell(self, why: str) -> None:
         if why != self._why:
             _log.warning("%s", why)
-            self._why = why
-            self._pass(None, why)
+            # Whoever begins to look meanwhile either is among those told here or finds the words.
+            with self._lock:
+                self._why = why
+                lookers = self._lookers
+            self._pass(lookers, None, why)
 
-    def _pass(self, picture: CameraPicture | None, why: str) -> None:
-        for call in self._lookers:
+    def _pass(self, lookers: tuple[OnPicture, ...], picture: CameraPicture | None, why: str) -> None:
+        for call in lookers:
             try:
                 call(picture, why)
             except Exception:  # noqa: BLE001  # logged; the others see it

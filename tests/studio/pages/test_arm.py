@@ -233,7 +233,26 @@ def test_a_camera_of_the_studios_computer_is_a_tile_and_is_off_when_its_page_is_
               return canvas.width === 16 && red > 150 && green < 90;
             }"""
         )
+        # However long the page needs for a picture, it does not wipe out what is said after it.
+        operator.evaluate(
+            """() => {
+              const make = window.createImageBitmap;
+              window.making = 0;
+              window.createImageBitmap = async (blob) => {
+                window.making += 1;
+                await new Promise((done) => setTimeout(done, 500));
+                try {
+                  return await make(blob);
+                } finally {
+                  window.making -= 1;
+                }
+              };
+            }"""
+        )
+        operator.wait_for_function("window.making > 0")
         fake.unplug()
+        expect(tile.locator(".arm-camera-said")).to_have_text("no camera is connected at /dev/video0")
+        operator.wait_for_function("!window.making")
         expect(tile.locator(".arm-camera-said")).to_have_text("no camera is connected at /dev/video0")
         fake.missing = ""
         expect(tile.locator(".arm-camera-said")).to_be_empty()

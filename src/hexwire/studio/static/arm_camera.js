@@ -231,24 +231,32 @@ function ofStudio(device, say) {
     clearTimeout(timer);
     if (refused || socket || document.hidden) return;
     const mine = (socket = new WebSocket(address(`/${encodeURIComponent(name)}`)));
-    mine.onmessage = async ({ data }) => {
+    const show = async (/** @type {unknown} */ data) => {
+      if (socket !== mine) return;
       if (typeof data === "string") {
         const told = JSON.parse(data);
         refused = "refused" in told;
         say(told.refused ?? told.problem);
         return;
       }
+      let problem = "";
       try {
-        const image = await createImageBitmap(data);
+        const image = await createImageBitmap(/** @type {Blob} */ (data));
         if (element.width !== image.width || element.height !== image.height) Object.assign(element, { width: image.width, height: image.height });
         context?.drawImage(image, 0, 0);
         image.close();
-        say("");
       } catch {
-        say("a picture of this camera is damaged");
+        problem = "a picture of this camera is damaged";
       }
+      if (socket !== mine) return;
+      say(problem);
       // Only so many are sent ahead of what is shown: a slow page drops pictures, and shows none that is old.
-      if (socket === mine) mine.send("shown");
+      mine.send("shown");
+    };
+    // In turn: a picture that is ready after the words that came behind it would wipe them out.
+    let shown = Promise.resolve();
+    mine.onmessage = ({ data }) => {
+      shown = shown.then(() => show(data));
     };
     mine.onclose = () => {
       if (socket !== mine) return;
