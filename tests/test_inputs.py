@@ -201,7 +201,7 @@ def test_a_value_of_toml_knows_its_line(steps: list[str | int], place: tuple[int
 
 def test_a_missing_key_has_the_line_of_its_table() -> None:
     (arm, _) = parse_toml(PLACES, "f").table()["arm"].rows()
-    assert said(arm.table, None, ("speed",)) == "f:4:1: arm[0].speed is missing"
+    assert said(arm.table, ("speed",)) == "f:4:1: arm[0].speed is missing"
 
 
 # -- values -------------------------------------------------------------------------------------------------
@@ -253,13 +253,31 @@ def test_numbers_texts_lists_and_tables() -> None:
     for other in (item, *at('["a"]').rows(), *at('"c"').rows()):
         assert "must be one of a, b, not " in said(other.choice, ("a", "b"))
     (table,) = at('{"a": 1, "b\\n": {"c": null}}').rows()
-    assert said(table.table, ("a",)) == "f: rows[0].'b\\n' is an unknown key; known: a"
-    assert said(table.table, None, ("z",)) == "f: rows[0].z is missing"
+    assert said(table.table, (), ("a",)) == "f: rows[0].'b\\n' is an unknown key; known: a"
+    assert said(table.table, ("z",)) == "f: rows[0].z is missing"
     assert said(table.table()["b\n"].table()["c"].number) == "f: rows[0].'b\\n'.c must be a number, not nothing"
     huge = Item(10**400, "f", "x")
     assert said(huge.number) == "f: x must be a finite number"
     assert said(huge.integer, 0, 1) == "f: x is too large, but must be 0 to 1"
     assert said(huge.text) == "f: x must be text, not a number with too many digits"
+
+
+def test_a_list_of_numbers_has_as_many_as_it_must() -> None:
+    assert at("1, 2.5").numbers(2, 0, 3) == (1.0, 2.5)
+    assert said(at("1, 2").numbers, 3, 0, 3) == "f: rows has 2 values, but must have 3"
+    assert said(at("1, 4").numbers, 2, 0, 3, "m") == "f: rows[1] is 4, but must be 0 to 3 m"
+
+
+def test_the_faults_of_all_values_of_a_list_are_told_together() -> None:
+    item = parse_toml("rows = [1, 'x', 9, 3]", "f").table()["rows"]
+
+    def small(row: Item) -> int:
+        return row.integer(0, 5)
+
+    told = "1:8: rows[1] must be a whole number, not the text 'x'; 1:8: rows[2] is 9, but must be 0 to 5"
+    assert said(item.each, small) == f"f: {told}"
+    assert said(item.each, small, 3) == "f:1:8: rows has 4 values, but must have 0 to 3"
+    assert parse_toml("rows = [1, 2]", "f").table()["rows"].each(small) == [1, 2]
 
 
 def test_faults_are_reported_together() -> None:
@@ -287,7 +305,7 @@ def test_any_value_is_taken_or_refused_in_one_line(value: Any) -> None:
         lambda: item.integer(0, 9),
         lambda: item.text(5),
         lambda: list(item.rows(3)),
-        lambda: item.table(("a",), ("a",)),
+        lambda: item.table(("a",), ()),
     ):
         found, words = None, "f: "
         try:

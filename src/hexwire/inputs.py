@@ -14,10 +14,10 @@ import re
 import reprlib
 import stat
 import tomllib
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any, BinaryIO
+from typing import IO, Any, BinaryIO, TypeVar
 
 from hexwire.errors import ConfigError
 from hexwire.system import BINARY, CLOSE_ON_EXEC, NO_FOLLOW, NO_WAIT
@@ -58,6 +58,8 @@ _LONG_CODE = re.compile(r"\b0[xob][0-9A-Fa-f_]{40,}")
 _TOML_PLACE = re.compile(r"(.*) \(at line ([0-9]+), column ([0-9]+)\)", re.DOTALL)
 _PLAIN_KEY = re.compile(r"[A-Za-z0-9_/-]{1,60}")
 _SHOWN = 40
+
+_T = TypeVar("_T")
 
 
 # -- bytes and text -----------------------------------------------------------------------------------------
@@ -332,18 +334,19 @@ class Item:
         line, column = self.line_and_column
         return ConfigError(f"{self.where} {text}" if self.where else text, file=self.file, line=line, column=column)
 
-    def table(self, known: Collection[str] | None = None, needed: Sequence[str] = ()) -> dict[str, Item]:
+    def table(self, needed: Collection[str] = (), optional: Collection[str] | None = None) -> dict[str, Item]:
         """The values of a table by key.
 
         Args:
-            known: The keys it may have; any if None.
             needed: The keys it must have.
+            optional: The other keys it may have; any if None.
 
         Raises:
             ConfigError: It is not a table, or a key is unknown or missing.
         """
         if not isinstance(self.value, Mapping):
             raise self.wrong_kind("a table")
+        known = None if optional is None else dict.fromkeys((*needed, *optional))
         for key in self.value:
             if known is not None and key not in known:
                 # Loaded late: every program imports this module, and few files have such a key.
@@ -369,6 +372,29 @@ class Item:
             wanted = f"{least}" if least == most else f"at least {least}" if most is None else f"{least} to {most}"
             raise self.fault(f"has {len(self.value)} values, but must have {wanted}")
         return (self.step(i, value) for i, value in enumerate(self.value))
+
+    def each(self, read: Callable[[Item], _T], most: int | None = None, least: int = 0) -> list[_T]:
+        """What `read` makes of each value of a list; the faults of all are told together.
+
+        Raises:
+            ConfigError: As `rows` and `read`.
+        """
+        found, faults = list[_T](), list[ConfigError]()
+        for row in self.rows(most, least):
+            try:
+                found.append(read(row))
+            except ConfigError as error:
+                faults.append(error)
+        raise_faults(faults)
+        return found
+
+    def numbers(self, count: int, low: float, high: float, unit: str = "") -> tuple[float, ...]:
+        """A list of so many finite numbers within bounds.
+
+        Raises:
+            ConfigError: It is not.
+        """
+        return tuple([row.number(low, high, unit) for row in self.rows(count, count)])
 
     def number(self, low: float = -math.inf, high: float = math.inf, unit: str = "") -> float:
         """A finite number within bounds.

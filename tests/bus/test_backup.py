@@ -71,6 +71,18 @@ def test_other_files_are_refused_with_their_name(text: str, tmp_path: Path) -> N
         backups.load_backup(file)
 
 
+def test_the_faults_of_all_servos_of_a_file_are_told_together() -> None:
+    good = backups.ServoBackup(1, "sts_sms", "3.10", "sts3215", "", {"id": 1})
+    rows = [replace(good, series="x"), good, replace(good, registers={"id": 300})]
+    with pytest.raises(ConfigError) as caught:
+        backups.parse_backups(backups.serialize_backups(rows).encode(), "f")
+    kinds = ", ".join(series.value for series in Series)
+    assert str(caught.value) == (
+        f"f: servos[0].series must be one of {kinds}, not the text 'x'; "
+        "servos[2].registers.id is 300, but must be 0 to 255"
+    )
+
+
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.recursive(st.none() | st.integers() | st.text(), lambda x: st.lists(x) | st.dictionaries(st.text(), x)))
 def test_any_content_is_a_backup_or_a_named_error(tmp_path: Path, content: object) -> None:

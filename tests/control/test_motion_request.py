@@ -60,7 +60,7 @@ def test_pose_gripper_and_taught_motion() -> None:
         ({}, "what is missing"),
         ({"what": "fly"}, "what must be one of joints, place, pose, step, grip, play, not the text 'fly'"),
         ({"what": ["place"]}, r"what must be one of joints, .*, not the list \['place'\]"),
-        ({"what": "pose", "name": "a", "share": 1}, "share is an unknown key; known: what, speed, name"),
+        ({"what": "pose", "name": "a", "share": 1}, "share is an unknown key; known: what, name, speed"),
         ({"what": "pose", "nme": "a"}, "nme is an unknown key, did you mean name"),
         ({"what": "joints"}, "goals is missing"),
         ({"what": "joints", "goals": {}}, "goals must name 1 to 253 joints"),

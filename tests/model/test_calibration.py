@@ -150,6 +150,10 @@ def test_no_lerobot_file(text: str, named: str) -> None:
             'arm = "x"\ntaken = ""\n[[joints]]\nname="a"\nservo_id=1\nmiddle=5\nlow=6\nhigh=7',
             "middle 5 is not between",
         ),
+        (
+            'arm = "x"\ntaken = ""\n[[joints]]\nname="a"\n[[joints]]\nname=1\nservo_id=1\nmiddle=5\nlow=4\nhigh=7',
+            r"c\.toml: 3:1: joints\[0\]\.servo_id is missing; 6:6: joints\[1\]\.name must be text, not 1$",
+        ),
         ("arm = ", "not TOML"),
     ],
 )

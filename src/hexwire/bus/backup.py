@@ -180,17 +180,14 @@ def parse_backups(data: bytes, name: str) -> list[ServoBackup]:
     root = parse_json(data, name)
     if not isinstance(root.value, dict) or root.value.get("format") != _FORMAT:
         raise ConfigError(f"not a file of servo settings (its format is not {_FORMAT!r})", file=name)
-    return [_parse(row) for row in root.table(needed=("servos",))["servos"].rows(_MOST_SERVOS)]
+    return root.table(("servos",))["servos"].each(_parse, _MOST_SERVOS)
 
 
 def _parse(item: Item) -> ServoBackup:
-    row = item.table(_KEYS, _KEYS)
-    name = row["series"].text()
-    if name not in {known.value for known in Series}:
-        raise row["series"].fault(f"is unknown: {name!r}")
-    series = Series(name)
+    row = item.table(_KEYS, ())
+    series = Series(row["series"].choice([known.value for known in Series]))
     registers = {}
-    for key, value in row["registers"].table(series.registers).items():
+    for key, value in row["registers"].table((), series.registers).items():
         # Refuse it here, before a restore writes the settings ahead of it.
         fits = series.register(key).fits
         registers[key] = value.integer(fits[0], fits[-1])

@@ -238,12 +238,12 @@ def _solve(
         key = "position_m" if unit_of(arm.name) == 1.0 else "tip_mm"
         if key not in pose_file or "rotation" not in pose_file:
             raise UsageError(f"the pose needs {key} (three numbers) and rotation (three rows of three)")
-        numbers = _numbers_of(pose_file[key], 3)
-        rotation = [v for row in pose_file["rotation"].rows(3, 3) for v in _numbers_of(row, 3)]
+        numbers = pose_file[key].numbers(3, -_MOST, _MOST)
+        rotation = [v for row in pose_file["rotation"].rows(3, 3) for v in row.numbers(3, -_MOST, _MOST)]
     else:
         if len(place) != 3:
             raise UsageError(f"a position has three coordinates X Y Z, got {len(place)}")
-        numbers = [FiniteFloat("coordinate").convert(text, None, None) for text in place]
+        numbers = tuple([FiniteFloat("coordinate").convert(text, None, None) for text in place])
     where: Vector = (numbers[0] * unit, numbers[1] * unit, numbers[2] * unit)
     if turn.roll is not None and turn.pitch is None:
         raise UsageError("--roll needs --pitch")
@@ -304,10 +304,6 @@ def _read_pose(name: str) -> dict[str, Item]:
     if not isinstance(root.value, dict):
         raise UsageError(f"{name} is not a pose: it must be a JSON object as printed by 'hexwire model fk --json'")
     return root.table()
-
-
-def _numbers_of(item: Item, n: int) -> list[float]:
-    return [row.number(-_MOST, _MOST) for row in item.rows(n, n)]
 
 
 @model.command(cls=NumbersCommand)

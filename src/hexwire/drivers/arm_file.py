@@ -12,7 +12,7 @@ from importlib import resources
 from pathlib import Path
 
 from hexwire.errors import ConfigError, UsageError
-from hexwire.inputs import Item, parse_toml, raise_faults, read_text
+from hexwire.inputs import Item, parse_toml, read_text
 from hexwire.model.arm import MAX_ACCELERATION, MAX_JERK, ArmModel, JointModel
 from hexwire.model.arms import record_of
 from hexwire.model.calibration import Calibration
@@ -20,9 +20,8 @@ from hexwire.wire.registers import Series
 
 __all__ = ["BusArmFile", "load_arm_file", "load_calibration", "load_profile", "profile_names"]
 
-_ARM_KEYS = ("name", "base", "baud", "calibration", "joints")
-_JOINT_KEYS = (
-    "name", "servo_id", "series", "minimum_deg", "maximum_deg",  # these must be there
+_NEEDED = ("name", "servo_id", "series", "minimum_deg", "maximum_deg")
+_OPTIONAL = (
     "neutral", "sign", "offset_deg", "max_speed_deg_per_s", "max_acceleration_deg_per_s2",
     "max_jerk_deg_per_s3", "free_speed_deg_per_s", "gearing", "degrees_per_count",
 )  # fmt: skip
@@ -96,20 +95,19 @@ def load_calibration(path: str | Path) -> Calibration:
 
 def _parse(text: str, file: str) -> BusArmFile:
     root = parse_toml(text, file)
-    arm = root.table(_ARM_KEYS, ("name",))
+    arm = root.table(("name",), ("base", "baud", "calibration", "joints"))
     name = arm["name"].text(_LONGEST_NAME, least=1)
-    joints, faults, taken = list[JointModel](), list[ConfigError](), dict[object, str]()
-    for item in arm["joints"].rows(_MOST_JOINTS) if "joints" in arm else ():
-        try:
-            joint = _joint(item)
-            joints.append(joint)
-            for key in ("name", "servo_id"):
-                place = item.table()[key]
-                if (first := taken.setdefault((key, place.value), item.where)) != item.where:
-                    raise place.fault(f"is {place.value!r}, as in {first}; every joint needs its own")
-        except ConfigError as error:
-            faults.append(error)
-    raise_faults(faults)
+    taken: dict[object, str] = {}
+
+    def own(item: Item) -> JointModel:
+        joint = _joint(item)
+        for key in ("name", "servo_id"):
+            place = item.table()[key]
+            if (first := taken.setdefault((key, place.value), item.where)) != item.where:
+                raise place.fault(f"is {place.value!r}, as in {first}; every joint needs its own")
+        return joint
+
+    joints = arm["joints"].each(own, _MOST_JOINTS) if "joints" in arm else []
     if ("base" in arm) == bool(joints):
         raise root.fault(
             "base and [[joints]]: write only one of them"
@@ -138,7 +136,7 @@ def _parse(text: str, file: str) -> BusArmFile:
 
 
 def _joint(item: Item) -> JointModel:
-    row = item.table(_JOINT_KEYS, _JOINT_KEYS[:5])
+    row = item.table(_NEEDED, _OPTIONAL)
     name, kind = row["name"].text(_LONGEST_NAME, least=1), row["series"].text(_LONGEST_NAME)
 
     def number(key: str, default: float, low: float = -_MOST_DEGREES, high: float = _MOST_DEGREES) -> float:

@@ -75,10 +75,10 @@ def list_images(folder: Path | None = None) -> tuple[FirmwareImage, ...]:
     path = where / LIST
     if not path.is_file():
         return ()
-    listed = parse_json(read_bytes(path), str(path)).table(needed=("version", "images"))
+    listed = parse_json(read_bytes(path), str(path)).table(("version", "images"))
     images = []
     for item in listed["images"].rows(most=100):
-        row = item.table(needed=("file", "board", "host_baud", "sha256"))
+        row = item.table(("file", "board", "host_baud", "sha256"))
         file = where / Path(row["file"].text()).name
         rate = row["host_baud"].integer(1, 10_000_000)
         images.append(

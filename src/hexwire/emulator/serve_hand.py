@@ -243,8 +243,7 @@ def serialize_order(order: HandOrder) -> bytes:
 
 
 def _parse_order(line: bytes) -> HandOrder:
-    names = tuple(field.name for field in fields(HandOrder))
-    row = parse_json(line).table(names, names)
+    row = parse_json(line).table([field.name for field in fields(HandOrder)], ())
     return HandOrder(
         joint=row["joint"].text(100),
         degrees=row["degrees"].number(-_MOST_DEGREES, _MOST_DEGREES),
@@ -263,8 +262,7 @@ def parse_result(line: bytes) -> HandResult:
     row = parse_json(line[:_LONGEST]).table()
     if "error" in row:
         raise UsageError(row["error"].text(_LONGEST))
-    names = tuple(field.name for field in fields(HandResult))
-    row = parse_json(line).table(names, names)
+    row = parse_json(line).table([field.name for field in fields(HandResult)], ())
     torque, blocked = (row[name].value is True for name in ("torque", "blocked"))
     return HandResult(row["joint"].text(100), row["moved"].number(), torque, blocked)
 

@@ -241,7 +241,7 @@ def read_fleet_file(path: str) -> dict[str, str]:
     """
     values = {}
     folder = Path(path).resolve().parent
-    for key, item in parse_toml(read_text(path), path).table((*_ROUTER_KEYS, "role")).items():
+    for key, item in parse_toml(read_text(path), path).table((), (*_ROUTER_KEYS, "role")).items():
         value = item.text()
         values[key] = str(folder / value) if key in ("ca", "cert", "key") else value
     return values

@@ -350,7 +350,7 @@ def read_access(path: str) -> dict[str, Any]:
         ConfigError: It cannot be read, or is not a table.
     """
     text = read_text(path, largest=LARGEST_DATA)
-    rows = {key: item.value for key, item in parse_json(text, path).table(_ACCESS, _ACCESS).items()}
+    rows = {key: item.value for key, item in parse_json(text, path).table(_ACCESS, ()).items()}
     if rows["enabled"] is not True or rows["default_permission"] != "deny":
         raise ConfigError(f"{path}: access control that is switched off, or allows what no rule names")
     return rows

@@ -185,7 +185,7 @@ def read_service_file(
     Raises:
         UsageError: It cannot be read, or something in it is wrong: the text has the place.
     """
-    top = parse_toml(read_text(file), file).table(("arms", "network", "lease"), ("arms",))
+    top = parse_toml(read_text(file), file).table(("arms",), ("network", "lease"))
     if "lease" in top:
         lease = top["lease"].number(_LEASE.low, _LEASE.high, _LEASE.unit)
     rows: dict[str, dict[str, object]] = {}
@@ -209,7 +209,7 @@ def read_service_file(
     network: dict[str, Any] = {}
     if "network" in top:
         folder = Path(file).resolve().parent
-        for key, item in top["network"].table(_NETWORK_KEYS).items():
+        for key, item in top["network"].table((), _NETWORK_KEYS).items():
             if key in ("listen", "router"):
                 endpoints: Sequence[str] = [row.text() for row in item.rows(most=_MOST_ENDPOINTS)]
                 network["connect" if key == "router" else key] = tuple(endpoints)

@@ -180,7 +180,7 @@ def parse_toml(text: str, file: str = "") -> list[ChannelConf]:
     Raises:
         ConfigError: As `parse_conf`, and for a key that is not known.
     """
-    root = parse_tables(text, file).table(("channel",))
+    root = parse_tables(text, file).table((), ("channel",))
     if "channel" not in root:
         return []
     channels = root["channel"]
@@ -191,7 +191,7 @@ def parse_toml(text: str, file: str = "") -> list[ChannelConf]:
 
 def _from_table(entry: Item) -> Record:
     cells: dict[str, Cell] = {}
-    for key, item in entry.table(_KEYS).items():
+    for key, item in entry.table((), _KEYS).items():
         column = _KEYS[key]
         number = column == "port" or (column in _BY_ID and isinstance(item.value, int))
         text = str(item.integer(0, _MOST)) if number else item.text(_LONGEST)

@@ -124,8 +124,8 @@ class Calibration:
         Raises:
             ConfigError: It is not TOML, or a key is unknown, missing or wrong; the text names it.
         """
-        root = parse_toml(text, file).table(("arm", "taken", "joints"), ("arm", "taken", "joints"))
-        rows = [_row(item) for item in root["joints"].rows(_MOST_JOINTS)]
+        root = parse_toml(text, file).table(("arm", "taken", "joints"), ())
+        rows = root["joints"].each(_row, _MOST_JOINTS)
         _check_names(rows, root["joints"])
         return cls(root["arm"].text(), root["taken"].text(), tuple(rows))
 
@@ -142,7 +142,7 @@ class Calibration:
         root = parse_json(text, file)
         rows = []
         for name, item in root.table().items():
-            row = item.table(needed=_LEROBOT)
+            row = item.table(_LEROBOT)
             low, high = (row[key].integer(-_MOST_COUNTS, _MOST_COUNTS) for key in ("range_min", "range_max"))
             turned = row["drive_mode"].integer(0, 1)
             offset = row["homing_offset"].integer(-_MOST_COUNTS, _MOST_COUNTS)
@@ -213,7 +213,7 @@ _USUAL = {"turn": _TURN, "drive_mode": 0}
 
 
 def _row(item: Item) -> JointCalibration:
-    row = item.table(JointCalibration.__slots__, _NEEDED)
+    row = item.table(_NEEDED, JointCalibration.__slots__)
     values: dict[str, Any] = {}
     for key, value in row.items():
         if key in _TEXTS:

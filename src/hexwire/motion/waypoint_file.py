@@ -61,7 +61,7 @@ def parse_points(content: str | bytes, name: str) -> tuple[tuple[str, ...], list
     names, rows = _names_and_points(content, name)
     points = []
     for row in rows:
-        positions = row.table(needed=("positions",))["positions"]
+        positions = row.table(("positions",))["positions"]
         points.append(_values(positions, _MOST) or ())
         if len(points[-1]) != len(names):
             raise positions.fault(f"has {len(points[-1])} values for {len(names)} joints")
@@ -69,7 +69,7 @@ def parse_points(content: str | bytes, name: str) -> tuple[tuple[str, ...], list
 
 
 def _names_and_points(content: str | bytes, name: str) -> tuple[tuple[str, ...], list[Item]]:
-    root = parse_json(content, name).table(needed=("joint_names", "points"))
+    root = parse_json(content, name).table(("joint_names", "points"))
     names = tuple(row.text(100, least=1) for row in root["joint_names"].rows(_MOST_JOINTS, 1))
     if len(set(names)) != len(names):
         raise root["joint_names"].fault("name a joint twice")
@@ -77,7 +77,7 @@ def _names_and_points(content: str | bytes, name: str) -> tuple[tuple[str, ...],
 
 
 def _waypoint(row: Item) -> Waypoint:
-    point = row.table(needed=("time_from_start", "positions"))
+    point = row.table(("time_from_start", "positions"))
     return Waypoint(
         _seconds(point["time_from_start"]),
         _values(point["positions"], _MOST) or (),

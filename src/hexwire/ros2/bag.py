@@ -286,7 +286,7 @@ def _convert(message: CapturedMessage, name: str, number: int, recording: BagRec
         goals = {row["name"]: _number(row.get("goal")) for row in values}
         recording.joint_state(_state(values, time), time, topic=message.topic, goals=goals)
     elif message.schema == "foxglove.Log" and message.encoding == "json":
-        body = parse_message(message.data, name, f"message {number}").table(needed=())
+        body = parse_message(message.data, name, f"message {number}").table()
         level = body["level"].value if "level" in body else 2
         fields = {key: item.value for key, item in body.items() if key != "level"}
         recording.message(message.topic, "foxglove.Log", message.time, {**fields, "level": 3 if level == 3 else 2})

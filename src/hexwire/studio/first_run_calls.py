@@ -391,7 +391,7 @@ class FirstRuns:
 
     def _begin_step(self, tab: Tab, entry: HeldMotion, args: Mapping[str, object], arrived: Token) -> None:
         """Begin a step of the first jog, which a page holds."""
-        row = Item(args).table(("joint", "way"), ("joint", "way"))
+        row = Item(args).table(("joint", "way"), ())
         run, arm = self._present, self._source.need_arm()
         if run is None:
             raise UsageError(_NONE)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import base64
 import binascii
 import json
-import math
 import struct
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -235,9 +234,7 @@ def _accessor(row: Mapping[str, Any], views: list[dict[str, int]]) -> dict[str, 
 def _material(row: Mapping[str, Any]) -> dict[str, Any]:
     rough = row.get("pbrMetallicRoughness", {})
     colour = rough.get("baseColorFactor", [1.0] * 4) if isinstance(rough, dict) else [1.0] * 4
-    return {
-        "pbrMetallicRoughness": {"baseColorFactor": [each.number(0.0, 1.0) for each in Item(colour).rows(4, 4)]}
-    }
+    return {"pbrMetallicRoughness": {"baseColorFactor": Item(colour).numbers(4, 0.0, 1.0)}}
 
 
 def _primitives(
@@ -274,9 +271,7 @@ def _node(row: Mapping[str, Any], meshes: int) -> dict[str, Any]:
     made: dict[str, Any] = {}
     for key, size in (("matrix", 16), ("translation", 3), ("rotation", 4), ("scale", 3)):
         if key in row:
-            made[key] = [each.number(-_FAR, _FAR) for each in Item(row[key]).rows(size, size)]
-            if not all(map(math.isfinite, made[key])):
-                raise ConfigError("has a place that is no number")
+            made[key] = Item(row[key]).numbers(size, -_FAR, _FAR)
     if "matrix" in made:
         made = {"matrix": made["matrix"]}
     if "mesh" in row:

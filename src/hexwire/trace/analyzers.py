@@ -229,7 +229,7 @@ def _record(program: str, folder: Path) -> dict[str, str]:
     path = _record_path(program, folder)
     if not path.is_file():
         return {}
-    rows = parse_json(read_bytes(path), str(path)).table(needed=("files",))["files"].table()
+    rows = parse_json(read_bytes(path), str(path)).table(("files",))["files"].table()
     # A record that somebody has changed leads to no file elsewhere.
     return {name: item.text() for name, item in rows.items() if ".." not in PurePosixPath(name).parts}
 

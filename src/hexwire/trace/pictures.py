@@ -75,7 +75,7 @@ class RecordedPictures:
         return (message for channel, message in self._index.messages(file, offset) if channel.topic == topic)
 
     def _jpeg(self, data: bytes) -> bytes:
-        picture = parse_message(data, self._name, "a picture").table(needed=("data",))["data"]
+        picture = parse_message(data, self._name, "a picture").table(("data",))["data"]
         text = picture.text(1 << 20)
         try:
             return binascii.a2b_base64(text, strict_mode=True)

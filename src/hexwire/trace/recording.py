@@ -255,12 +255,12 @@ def parse_joints(data: bytes, file: str, number: int) -> tuple[float | None, lis
 
 
 def _checked(item: Item) -> tuple[float | None, list[dict[str, Item]]]:
-    root = item.table(needed=("joints",))
+    root = item.table(("joints",))
     stamp = None
     if "timestamp" in root and root["timestamp"].value is not None:
-        parts = root["timestamp"].table(needed=("sec", "nsec"))
+        parts = root["timestamp"].table(("sec", "nsec"))
         stamp = parts["sec"].integer(0, int(END_OF_TIME)) + parts["nsec"].integer(0, NSEC - 1) / NSEC
-    joints = [item.table(needed=("name",)) for item in root["joints"].rows(_MOST_JOINTS)]
+    joints = [item.table(("name",)) for item in root["joints"].rows(_MOST_JOINTS)]
     names = [joint["name"].text(100, least=1) for joint in joints]
     if len(set(names)) != len(names):
         raise root["joints"].fault("name a joint twice")

@@ -71,10 +71,10 @@ def read_request(kind: str, args: Mapping[str, object], arm: ArmModel) -> JogReq
     wanted = {"joint": "directions", "space": "tool", "drag": "goals"}.get(kind)
     if wanted is None:
         raise UsageError(f"there is no jog {kind!r}")
-    row = Item(args).table((wanted, "speed"), (wanted,))
+    row = Item(args).table((wanted,), ("speed",))
     speed = row["speed"].number(_SLOWEST, _FASTEST) if "speed" in row else 0.3
     if kind == "space":
-        return JogRequest(tool=tuple(each.number(-1.0, 1.0) for each in row[wanted].rows(6, 6)), speed=speed)
+        return JogRequest(tool=row[wanted].numbers(6, -1.0, 1.0), speed=speed)
     named = {arm.joint(name).name: each for name, each in row[wanted].table().items()}
     if not named:
         raise row[wanted].fault("must name at least one joint")

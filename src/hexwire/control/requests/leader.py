@@ -58,7 +58,7 @@ def read_following(args: Mapping[str, object]) -> FollowRequest:
     Raises:
         UsageError: It is malformed; the text names the value.
     """
-    row = Item(args).table(("speed", "force"))
+    row = Item(args).table((), ("speed", "force"))
     return FollowRequest(**{name: each.number(0.01, 1.0) for name, each in row.items()})
 
 

@@ -63,22 +63,15 @@ _MOST = 1000.0
 """Greatest length in metres and angle in radians; a greater one is in a wrong unit."""
 _MOST_JOINTS = 253
 _LONGEST_TEXT = 100
-_KEYS = {
-    "joints": ("goals",),
-    "place": ("position", "relative", "straight", "aim", "rpy", "pitch", "roll", "branch"),
-    "pose": ("name",),
-    "step": ("joint", "by", "move", "turn"),
-    "grip": ("share",),
-    "play": ("begin", "end", "smooth", "factor", "fit"),
+_KEYS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "joints": (("goals",), ()),
+    "place": (("position",), ("relative", "straight", "aim", "rpy", "pitch", "roll", "branch")),
+    "pose": (("name",), ()),
+    "step": ((), ("joint", "by", "move", "turn")),
+    "grip": (("share",), ()),
+    "play": ((), ("begin", "end", "smooth", "factor", "fit")),
 }
-_NEEDED: Mapping[str, tuple[str, ...]] = {
-    "joints": ("goals",),
-    "place": ("position",),
-    "pose": ("name",),
-    "step": (),
-    "grip": ("share",),
-    "play": (),
-}
+"""What each kind must have, and what it may have."""
 _NUMBERS = ("speed", "share", "begin", "end", "factor")
 _SMOOTHEST = 2.0
 """Seconds: what is longer is no tremor."""
@@ -129,8 +122,9 @@ def read_motion(args: Mapping[str, object]) -> MotionRequest:
         UsageError: It is malformed; the text names the value.
     """
     item = Item(args)
-    what = item.table(needed=("what",))["what"].choice(_KEYS)
-    row = item.table(("what", "speed", *_KEYS[what]), _NEEDED[what])
+    what = item.table(("what",))["what"].choice(_KEYS)
+    needed, optional = _KEYS[what]
+    row = item.table(("what", *needed), ("speed", *optional))
     if "end" in row and row["end"].value is None:
         del row["end"]
     values: dict[str, Any] = {key: row[key].number() for key in _NUMBERS if key in row}
@@ -164,7 +158,7 @@ def _step(item: Item) -> dict[str, Any]:
 def _place(item: Item) -> Place:
     row = item.table()
     aim = row["aim"].choice(_AIMS) if "aim" in row else "arm"
-    row = item.table(needed=(aim,) if aim in ("rpy", "pitch") else ())
+    row = item.table((aim,) if aim in ("rpy", "pitch") else ())
     rolled = aim == "pitch" and "roll" in row and row["roll"].value is not None
     return Place(
         _three(row["position"], "m"),
@@ -182,7 +176,7 @@ def _place(item: Item) -> Place:
 
 
 def _three(item: Item, unit: str) -> tuple[float, float, float]:
-    a, b, c = (part.number(-_MOST, _MOST, unit) for part in item.rows(3, 3))
+    a, b, c = item.numbers(3, -_MOST, _MOST, unit)
     return a, b, c
 
 

@@ -233,7 +233,7 @@ class PoseFile:
         return new
 
     def _parse(self, text: str) -> dict[str, dict[str, float]]:
-        root = parse_toml(text, str(self.path)).table(("poses",))
+        root = parse_toml(text, str(self.path)).table((), ("poses",))
         if "poses" not in root:
             return {}
         found: dict[str, dict[str, float]] = {}

@@ -291,7 +291,7 @@ def read_program(file: str | Path) -> Program:
 
 def parse_program(item: Item) -> Program:
     """Parse the content of such a file, or what a page has sent of one; raises `ConfigError`, as `read_program`."""
-    root = item.table(("speed", "steps"), needed=("steps",))
+    root = item.table(("steps",), ("speed",))
     speed = root["speed"].number(_SLOWEST, 1.0) if "speed" in root else _SPEED
     left = [_MOST_STEPS]
     program = Program(_steps(root["steps"], speed, left, 1))
@@ -316,16 +316,16 @@ def _step(item: Item, speed: float, left: list[int], depth: int) -> Step:
         raise item.fault(f"must have one of {', '.join(_KINDS)}{which}")
     kind = kinds[0]
     if kind == "wait":
-        return Wait(item.table(("wait",))["wait"].number(0.0, _LONGEST_WAIT, "s"))
+        return Wait(item.table(("wait",), ())["wait"].number(0.0, _LONGEST_WAIT, "s"))
     if kind == "ask":
-        return Confirmation(item.table(("ask",))["ask"].text(_LONGEST_TEXT, least=1))
+        return Confirmation(item.table(("ask",), ())["ask"].text(_LONGEST_TEXT, least=1))
     if kind == "repeat":
-        row = item.table(("repeat", "steps"), needed=("steps",))
+        row = item.table(("repeat", "steps"), ())
         times = row["repeat"].integer(1, _MOST_RUN)
         if depth == _DEEPEST:
             raise item.fault(f"repeats in more than {_DEEPEST - 1} repetitions")
         return Repeat(times, _steps(row["steps"], speed, left, depth + 1))
-    row = item.table((kind, "speed", *_MOTION_KEYS[kind]))
+    row = item.table((kind,), ("speed", *_MOTION_KEYS[kind]))
     args = _ARGS[kind](row)
     file = args.pop("file", "")
     args["speed"] = row["speed"].number(_SLOWEST, 1.0) if "speed" in row else speed

@@ -82,7 +82,7 @@ def read_slide(args: Mapping[str, object]) -> SlideRequest:
         UsageError: A value is missing or out of bounds.
     """
     item = Item(args)
-    row = item.table(("servo", "speed", "turn", "goal", "by"), ("servo",))
+    row = item.table(("servo",), ("speed", "turn", "goal", "by"))
     if sum(key in row for key in ("turn", "goal", "by")) != 1:
         raise item.fault("has a turn, a goal, or a step")
     speed = row["speed"].number(0.01, 1.0) if "speed" in row else 0.3

@@ -63,7 +63,7 @@ def read_wave(args: Mapping[str, object]) -> tuple[int, Wave]:
         UsageError: A value is missing or out of bounds.
     """
     numbers = ("amplitude", "period", "seconds", *(("last_period",) if args.get("shape") == "sweep" else ()))
-    row = Item(args).table(needed=("servo", "shape", *numbers))
+    row = Item(args).table(("servo", "shape", *numbers))
     amplitude, period, seconds, *last = (row[key].number(-_HUGE, _HUGE) for key in numbers)
     wave = Wave(row["shape"].choice(SHAPES), math.radians(amplitude), period, seconds, *last)
     return row["servo"].integer(0, 253), wave

@@ -180,8 +180,7 @@ def parse_link_set(text: str, *, file: str = "") -> LinkSet:
     Raises:
         ConfigError: Not TOML, a key is unknown or missing, or a value is invalid; the error has its place.
     """
-    optional = ("name", "limits", "elbow")
-    row = parse_toml(text, file).table((*_LENGTHS, "offset", *optional), (*_LENGTHS, "offset"))
+    row = parse_toml(text, file).table((*_LENGTHS, "offset"), ("name", "limits", "elbow"))
     lengths = tuple(row[key].number(_SHORTEST if key in "ac" else 0.0, _MOST, "mm") for key in _LENGTHS)
     offset = row["offset"].number(-_MOST, _MOST, "deg")
     limits = tuple(map(_pair, row["limits"].rows(6, 6))) if "limits" in row else _BUS_LIMITS
@@ -191,7 +190,7 @@ def parse_link_set(text: str, *, file: str = "") -> LinkSet:
 
 
 def _pair(item: Item, least: float = -_MOST, most: float = _MOST) -> tuple[float, float]:
-    low, high = (row.number(least, most, "deg") for row in item.rows(2, 2))
+    low, high = item.numbers(2, least, most, "deg")
     if low >= high:
         raise item.fault(f"must be a pair of degrees, the lower first, not {low:g} and {high:g}")
     return low, high
