@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -11,9 +12,9 @@ from hypothesis import strategies as st
 
 from hexwire.control.motion.via import Place
 from hexwire.control.requests.motion_service import MotionRequest
-from hexwire.control.requests.program import Confirmation, Move, Program, Repeat, Step, Wait, parse_program
+from hexwire.control.requests.program import Move, Program, parse_program
 from hexwire.errors import ConfigError, UsageError
-from hexwire.inputs import parse_toml
+from hexwire.inputs import Item, parse_toml
 from hexwire.model.aim import Aim
 
 
@@ -22,71 +23,74 @@ def parsed(text: str) -> Program:
 
 
 SPEED = st.floats(0.01, 1.0)
-ANGLE = st.floats(-6.0, 6.0)
-LENGTH = st.floats(-1.0, 1.0)
+DEGREES = st.floats(-360.0, 360.0)
+THREE = st.tuples(DEGREES, DEGREES, DEGREES).map(list)
 NAME = st.text(st.characters(categories=["L", "N"]), min_size=1, max_size=20)
+TRUE = st.just(True)
 AIM = st.one_of(
-    st.just(Aim()),
-    st.just(Aim(down=True)),
-    st.just(Aim(fixed=True)),
-    st.builds(lambda angles: Aim(rpy=angles), st.tuples(ANGLE, ANGLE, ANGLE)),
-    st.builds(lambda pitch, roll: Aim(pitch=pitch, roll=roll), ANGLE, st.none() | ANGLE),
+    st.just({}),
+    st.fixed_dictionaries({"aim": st.sampled_from(["arm", "space", "down"])}),
+    st.fixed_dictionaries({"rpy": THREE}),
+    st.fixed_dictionaries({"pitch": DEGREES}, optional={"roll": DEGREES}),
 )
-PLACE = st.builds(Place, st.tuples(LENGTH, LENGTH, LENGTH), AIM, st.booleans(), st.booleans(), st.just("") | NAME)
-MOVES = st.one_of(
-    st.builds(lambda speed, name: Move(MotionRequest("pose", speed, name=name)), SPEED, NAME),
-    st.builds(
-        lambda speed, goals: Move(MotionRequest("joints", speed, goals=goals)),
-        SPEED,
-        st.dictionaries(NAME, ANGLE, min_size=1, max_size=4),
-    ),
-    st.builds(lambda speed, place: Move(MotionRequest("place", speed, place=place)), SPEED, PLACE),
-    st.builds(lambda speed, share: Move(MotionRequest("grip", speed, share=share)), SPEED, st.floats(0, 1)),
-    st.builds(
-        lambda speed, name, begin, factor: Move(
-            MotionRequest("play", speed, begin=begin, factor=factor), f"{name}.mcap"
-        ),
-        SPEED,
-        NAME,
-        st.floats(0, 10),
-        st.floats(0.1, 4),
-    ),
+PLACE = st.fixed_dictionaries({"place": THREE}, optional={"relative": TRUE, "line": TRUE, "branch": NAME})
+PLAY = st.fixed_dictionaries(
+    {"play": NAME.map("{}.mcap".format)},
+    optional={
+        "from": st.floats(0, 10),
+        "to": st.floats(10, 20),
+        "smooth": st.floats(0, 2),
+        "factor": st.floats(0.1, 4),
+        "fit": TRUE,
+    },
 )
-LEAVES = st.one_of(MOVES, st.builds(Wait, st.floats(0, 100)), st.builds(Confirmation, NAME))
-STEPS: st.SearchStrategy[Step] = st.recursive(
+MOTIONS = st.one_of(
+    st.fixed_dictionaries({"pose": NAME}),
+    st.fixed_dictionaries({"joints": st.dictionaries(NAME, DEGREES, min_size=1, max_size=4)}),
+    st.builds(lambda place, aim: place | aim, PLACE, AIM),
+    st.fixed_dictionaries({"grip": st.floats(0, 100)}),
+    PLAY,
+)
+LEAVES = st.one_of(
+    st.builds(lambda row, speed: {**row, "speed": speed}, MOTIONS, SPEED),
+    st.fixed_dictionaries({"wait": st.floats(0, 100)}),
+    st.fixed_dictionaries({"ask": NAME}),
+)
+ROWS: st.SearchStrategy[dict[str, Any]] = st.recursive(
     LEAVES,
-    lambda steps: st.builds(Repeat, st.integers(1, 3), st.lists(steps, min_size=1, max_size=3).map(tuple)),
+    lambda rows: st.fixed_dictionaries(
+        {"repeat": st.integers(1, 3), "steps": st.lists(rows, min_size=1, max_size=3)}
+    ),
     max_leaves=5,
 )
 
 
 def near(a: object, b: object) -> bool:
-    """Equal, but for what rounding to a thousandth of a degree or a micrometre changes."""
-    if isinstance(a, float) and isinstance(b, float):
-        return a == b or abs(a - b) < 2e-6
-    if isinstance(a, tuple | list) and isinstance(b, tuple | list):
+    """Equal, but for the rounding of what is written, to eight digits or six decimals."""
+    if isinstance(a, float) and isinstance(b, int | float):
+        return math.isclose(a, b, rel_tol=1e-7, abs_tol=1e-6)
+    if isinstance(a, list) and isinstance(b, list):
         return len(a) == len(b) and all(map(near, a, b))
     if isinstance(a, dict) and isinstance(b, dict):
         return a.keys() == b.keys() and all(near(a[key], b[key]) for key in a)
-    slots = getattr(a, "__slots__", None)
-    if slots and type(a) is type(b):
-        return all(near(getattr(a, name), getattr(b, name)) for name in slots)
     return a == b
 
 
-def depth(steps: tuple[Step, ...]) -> int:
-    return 1 + max((depth(step.steps) for step in steps if isinstance(step, Repeat)), default=0)
+def depth(rows: list[dict[str, Any]]) -> int:
+    return 1 + max((depth(row["steps"]) for row in rows if "steps" in row), default=0)
 
 
-@given(st.lists(STEPS, min_size=1, max_size=6).map(tuple))
-def test_what_is_written_is_read_again(steps: tuple[Step, ...]) -> None:
-    program = Program(steps)
-    if depth(steps) > 4:
+@given(st.lists(ROWS, min_size=1, max_size=6))
+def test_what_is_written_is_read_again(rows: list[dict[str, Any]]) -> None:
+    item = Item({"steps": rows})
+    if depth(rows) > 4:
         with pytest.raises(ConfigError, match="repeats in more than 3"):
-            parsed(program.serialize())
+            parse_program(item)
         return
+    program = parse_program(item)
+    assert program.rows() == rows
     again = parsed(program.serialize())
-    assert near(again.steps, steps), program.serialize()
+    assert near(rows, again.rows()), program.serialize()
     assert parsed(again.serialize()) == again
 
 
@@ -104,11 +108,13 @@ def test_what_is_written_is_read_again(steps: tuple[Step, ...]) -> None:
         ("steps = [{wait = 1e9}]", "must be 0 to 3600 s"),
         ("steps = [{ask = ''}]", "must have 1 to 200"),
         ("steps = [{pose = 'a\"b'}]", "has a character that a name cannot have"),
-        ("steps = [{joints = {}}]", "goals must name 1 to 253 joints"),
+        ("steps = [{joints = {}}]", r"1:9: steps\[0\].joints must name 1 to 253 joints"),
+        ("steps = [{play = 'a', smooth = 3}]", r"steps\[0\].smooth is 3, but must be 0 to 2 s"),
+        ("steps = [{play = 'a', fit = 1}]", "fit must be true or false"),
         ("steps = [{joints = {J1 = 1e5}}]", "-3600 to 3600 deg"),
         ("steps = [{place = [1, 2]}]", "has 2 values, but must have 3"),
         ("steps = [{place = [1, 2, 1e6]}]", "must be -10000 to 10000 mm"),
-        ("steps = [{place = [1, 2, 3], aim = 'up'}]", "is 'up', but must be arm, space, down"),
+        ("steps = [{place = [1, 2, 3], aim = 'up'}]", "aim must be one of arm, space, down, not the text 'up'"),
         ("steps = [{place = [1, 2, 3], aim = 'down', pitch = 3}]", "both aim the tool"),
         ("steps = [{place = [1, 2, 3], roll = 3}]", "roll needs a pitch"),
         ("steps = [{place = [1, 2, 3], line = 1}]", "line must be true or false"),
@@ -139,12 +145,49 @@ def test_it_is_run_from_any_step_and_again_from_the_first() -> None:
     assert not parsed("steps = [{wait = 1}]").asks
 
 
-def test_units_are_those_of_people() -> None:
-    program = parsed("speed = 0.5\nsteps = [{joints = {J1 = 180}}, {place = [0, 200, 0]}, {grip = 50}]")
-    joints, place, grip = (step.request for step in program.steps if isinstance(step, Move))
-    assert joints.goals == {"J1": math.pi}
-    assert place.place.position == (0.0, pytest.approx(0.2), 0.0)
-    assert (grip.share, grip.speed) == (0.5, 0.5)
+@pytest.mark.parametrize(
+    ("row", "request_"),
+    [
+        ("pose = ' home '", MotionRequest("pose", name="home")),
+        ("joints = {J1 = 180, J2 = -90.0}", MotionRequest("joints", goals={"J1": math.pi, "J2": -math.pi / 2})),
+        ("grip = 50, speed = 1", MotionRequest("grip", 1.0, share=0.5)),
+        ("place = [0, 250, -500]", MotionRequest("place", place=Place((0.0, 0.25, -0.5)))),
+        (
+            "place = [0, 0, 500], relative = true, line = true, branch = 'elbow up', aim = 'down'",
+            MotionRequest("place", place=Place((0.0, 0.0, 0.5), Aim(down=True), True, True, "elbow up")),
+        ),
+        ("place = [0, 0, 0], aim = 'arm'", MotionRequest("place")),
+        ("place = [0, 0, 0], aim = 'space'", MotionRequest("place", place=Place((0.0, 0.0, 0.0), Aim(fixed=True)))),
+        (
+            "place = [0, 0, 0], rpy = [0, 90, 180]",
+            MotionRequest("place", place=Place((0.0, 0.0, 0.0), Aim(rpy=(0.0, math.pi / 2, math.pi)))),
+        ),
+        (
+            "place = [0, 0, 0], pitch = 90",
+            MotionRequest("place", place=Place((0.0, 0.0, 0.0), Aim(pitch=math.pi / 2))),
+        ),
+        (
+            "place = [0, 0, 0], pitch = 90, roll = 180",
+            MotionRequest("place", place=Place((0.0, 0.0, 0.0), Aim(pitch=math.pi / 2, roll=math.pi))),
+        ),
+        ("play = 'a.mcap'", MotionRequest("play")),
+        (
+            "play = 'a.mcap', from = 1, to = 9, smooth = 0.5, factor = 2, fit = true",
+            MotionRequest("play", begin=1.0, end=9.0, smooth=0.5, factor=2.0, fit=True),
+        ),
+    ],
+)
+def test_units_are_those_of_people(row: str, request_: MotionRequest) -> None:
+    (step,) = parsed(f"steps = [{{{row}}}]").steps
+    assert isinstance(step, Move)
+    assert step.request == request_
+    assert step.file == ("a.mcap" if "play" in row else "")
+
+
+def test_a_step_without_a_speed_has_that_of_the_file() -> None:
+    program = parsed("speed = 0.5\nsteps = [{grip = 1}, {grip = 2, speed = 0.7}]")
+    assert [row["speed"] for row in program.rows()] == [0.5, 0.7]
+    assert [step.request.speed for step in program.steps if isinstance(step, Move)] == [0.5, 0.7]
 
 
 def test_its_recordings_are_in_its_folder() -> None:

@@ -54,7 +54,16 @@ if TYPE_CHECKING:
     from ..sharing.shared import Order, SharedArm
     from .preview import Preview
 
-__all__ = ["NOTHING_TAUGHT", "MotionRequest", "MotionService", "PoseRow", "read_motion"]
+__all__ = [
+    "NOTHING_TAUGHT",
+    "SMOOTHEST",
+    "MotionRequest",
+    "MotionService",
+    "PoseRow",
+    "read_goals",
+    "read_motion",
+    "read_vector",
+]
 
 NOTHING_TAUGHT = "nothing was taught since this arm was opened"
 
@@ -63,6 +72,8 @@ _MOST = 1000.0
 """Greatest length in metres and angle in radians; a greater one is in a wrong unit."""
 _MOST_JOINTS = 253
 _LONGEST_TEXT = 100
+SMOOTHEST = 2.0
+"""Seconds: what is longer is no tremor."""
 _KEYS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "joints": (("goals",), ()),
     "place": (("position",), ("relative", "straight", "aim", "rpy", "pitch", "roll", "branch")),
@@ -73,8 +84,6 @@ _KEYS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 }
 """What each kind must have, and what it may have."""
 _NUMBERS = ("speed", "share", "begin", "end", "factor")
-_SMOOTHEST = 2.0
-"""Seconds: what is longer is no tremor."""
 _AIMS = ("arm", "space", "down", "rpy", "pitch")
 
 
@@ -129,30 +138,27 @@ def read_motion(args: Mapping[str, object]) -> MotionRequest:
         del row["end"]
     values: dict[str, Any] = {key: row[key].number() for key in _NUMBERS if key in row}
     if what == "joints":
-        values["goals"] = {key: each.number(-_MOST, _MOST, "rad") for key, each in row["goals"].table().items()}
-        if not 0 < len(values["goals"]) <= _MOST_JOINTS:
-            raise row["goals"].fault(f"must name 1 to {_MOST_JOINTS} joints")
+        values["goals"] = read_goals(row["goals"], _MOST, "rad")
     if what == "place":
         values["place"] = _place(item)
     if what == "step":
-        values |= _step(item)
+        values |= _step(item, row)
     if what == "pose":
         values["name"] = row["name"].text(_LONGEST_TEXT)
     if "smooth" in row:
-        values["smooth"] = row["smooth"].number(0.0, _SMOOTHEST, "s")
+        values["smooth"] = row["smooth"].number(0.0, SMOOTHEST, "s")
     if "fit" in row:
         values["fit"] = row["fit"].flag()
     return MotionRequest(what, **values)
 
 
-def _step(item: Item) -> dict[str, Any]:
-    row = item.table()
+def _step(item: Item, row: Mapping[str, Item]) -> dict[str, Any]:
     kinds = [key for key in ("joint", "move", "turn") if key in row]
     if len(kinds) != 1 or ("by" in row) != (kinds == ["joint"]):
         raise item.fault("a step has a joint and by how far, or a move, or a turn")
     if kinds == ["joint"]:
         return {"name": row["joint"].text(_LONGEST_TEXT), "by": row["by"].number(-_MOST, _MOST, "rad")}
-    return {kinds[0]: _three(row[kinds[0]], "m" if kinds == ["move"] else "rad")}
+    return {kinds[0]: read_vector(row[kinds[0]], _MOST, "m" if kinds == ["move"] else "rad")}
 
 
 def _place(item: Item) -> Place:
@@ -161,10 +167,10 @@ def _place(item: Item) -> Place:
     row = item.table((aim,) if aim in ("rpy", "pitch") else ())
     rolled = aim == "pitch" and "roll" in row and row["roll"].value is not None
     return Place(
-        _three(row["position"], "m"),
+        read_vector(row["position"], _MOST, "m"),
         Aim(
             down=aim == "down",
-            rpy=_three(row["rpy"], "rad") if aim == "rpy" else None,
+            rpy=read_vector(row["rpy"], _MOST, "rad") if aim == "rpy" else None,
             pitch=row["pitch"].number(-_MOST, _MOST, "rad") if aim == "pitch" else None,
             roll=row["roll"].number(-_MOST, _MOST, "rad") if rolled else None,
             fixed=aim == "space",
@@ -175,9 +181,18 @@ def _place(item: Item) -> Place:
     )
 
 
-def _three(item: Item, unit: str) -> tuple[float, float, float]:
-    a, b, c = item.numbers(3, -_MOST, _MOST, unit)
-    return a, b, c
+def read_goals(item: Item, most: float, unit: str) -> dict[str, float]:
+    """Angles by joint, of up to `most` in either direction; raises `ConfigError`."""
+    goals = {name: each.number(-most, most, unit) for name, each in item.table().items()}
+    if not 0 < len(goals) <= _MOST_JOINTS:
+        raise item.fault(f"must name 1 to {_MOST_JOINTS} joints")
+    return goals
+
+
+def read_vector(item: Item, most: float, unit: str) -> Vector:
+    """Three numbers of up to `most` in either direction; raises `ConfigError`."""
+    x, y, z = item.numbers(3, -most, most, unit)
+    return x, y, z
 
 
 def _step_words(request: MotionRequest) -> str:

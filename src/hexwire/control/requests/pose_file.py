@@ -38,6 +38,7 @@ __all__ = [
     "no_pose",
     "pose_folder",
     "refuse_taken",
+    "toml_key",
     "without_gripper",
 ]
 
@@ -279,11 +280,11 @@ class PoseFile:
 def _serialize(poses: Mapping[str, Mapping[str, float]]) -> str:
     lines = ["# Poses saved with hexwire; angles in degrees."]
     for name, angles in poses.items():
-        lines += ["", f"[poses.{_key(name)}]"]
-        lines += [f"{_key(joint)} = {decimal(math.degrees(angle), _DIGITS)}" for joint, angle in angles.items()]
+        lines += ["", f"[poses.{toml_key(name)}]"]
+        lines += [f"{toml_key(joint)} = {decimal(math.degrees(angle), _DIGITS)}" for joint, angle in angles.items()]
     return "\n".join(lines) + "\n"
 
 
-def _key(name: str) -> str:
+def toml_key(name: str) -> str:
     """A key of TOML; a quoted one is written as a string of JSON, which it also is."""
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)

@@ -39,7 +39,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -48,11 +47,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from hexwire.errors import GoalError, LimitError, UsageError
 from hexwire.inputs import Item, parse_toml, read_text
+from hexwire.model.aim import Aim
 from hexwire.units import decimal
 
 from ..loop.outcomes import Reason
-from .motion_service import MotionRequest, read_motion
-from .pose_file import check_pose_name
+from ..motion.via import Place
+from .motion_service import SMOOTHEST, MotionRequest, read_goals, read_vector
+from .pose_file import check_pose_name, toml_key
 
 if TYPE_CHECKING:
     from .preview import Preview
@@ -101,12 +102,17 @@ class Move:
     """A motion.
 
     Attributes:
-        request: What is asked for; of ``play``, the motion is that of `file`.
-        file: The recording to play; empty for other motions.
+        request: What is asked for.
+        row: As in a file, with its speed.
     """
 
     request: MotionRequest
-    file: str = ""
+    row: Mapping[str, Any]
+
+    @property
+    def file(self) -> str:
+        """The recording to play, of ``play``, whose motion is that of this file; empty for other motions."""
+        return str(self.row.get("play", ""))
 
 
 @dataclass(frozen=True, slots=True)
@@ -326,13 +332,9 @@ def _step(item: Item, speed: float, left: list[int], depth: int) -> Step:
             raise item.fault(f"repeats in more than {_DEEPEST - 1} repetitions")
         return Repeat(times, _steps(row["steps"], speed, left, depth + 1))
     row = item.table((kind,), ("speed", *_MOTION_KEYS[kind]))
-    args = _ARGS[kind](row)
-    file = args.pop("file", "")
-    args["speed"] = row["speed"].number(_SLOWEST, 1.0) if "speed" in row else speed
-    try:
-        return Move(read_motion({"what": kind} | args), file)
-    except UsageError as error:
-        raise item.fault(f"cannot be: {error}") from None
+    if "speed" in row:
+        speed = row["speed"].number(_SLOWEST, 1.0)
+    return Move(MotionRequest(kind, speed, **_READERS[kind](row)), {**item.value, "speed": speed})
 
 
 def _pose(row: dict[str, Item]) -> dict[str, Any]:
@@ -344,33 +346,36 @@ def _pose(row: dict[str, Item]) -> dict[str, Any]:
 
 
 def _joints(row: dict[str, Item]) -> dict[str, Any]:
-    return {"goals": {name: _degrees(angle) for name, angle in row["joints"].table().items()}}
+    goals = read_goals(row["joints"], _MOST_DEGREES, "deg")
+    return {"goals": {name: math.radians(angle) for name, angle in goals.items()}}
 
 
 def _place(row: dict[str, Item]) -> dict[str, Any]:
-    args: dict[str, Any] = {
-        "position": [1e-3 * value.number(-_MOST_MM, _MOST_MM, "mm") for value in row["place"].rows(3, 3)],
-        "relative": _flag(row.get("relative")),
-        "straight": _flag(row.get("line")),
+    x, y, z = read_vector(row["place"], _MOST_MM, "mm")
+    return {
+        "place": Place(
+            (1e-3 * x, 1e-3 * y, 1e-3 * z),
+            _aim(row),
+            relative="relative" in row and row["relative"].flag(),
+            straight="line" in row and row["line"].flag(),
+            branch=row["branch"].text(_LONGEST_TEXT) if "branch" in row else "",
+        )
     }
-    if "branch" in row:
-        args["branch"] = row["branch"].text()
+
+
+def _aim(row: dict[str, Item]) -> Aim:
     aims = [key for key in ("aim", "rpy", "pitch") if key in row]
     if len(aims) > 1:
         raise row[aims[1]].fault(f"and {aims[0]} both aim the tool; leave one out")
     if "roll" in row and "pitch" not in row:
         raise row["roll"].fault("needs a pitch")
-    if "aim" in row:
-        aim = args["aim"] = row["aim"].text()
-        if aim not in _AIMS:
-            raise row["aim"].fault(f"is {aim[:20]!r}, but must be {', '.join(_AIMS)}")
-    elif "rpy" in row:
-        args |= {"aim": "rpy", "rpy": [_degrees(angle) for angle in row["rpy"].rows(3, 3)]}
-    elif "pitch" in row:
-        args |= {"aim": "pitch", "pitch": _degrees(row["pitch"])}
-        if "roll" in row:
-            args["roll"] = _degrees(row["roll"])
-    return args
+    if "rpy" in row:
+        roll, pitch, yaw = map(math.radians, read_vector(row["rpy"], _MOST_DEGREES, "deg"))
+        return Aim(rpy=(roll, pitch, yaw))
+    if "pitch" in row:
+        return Aim(pitch=_degrees(row["pitch"]), roll=_degrees(row["roll"]) if "roll" in row else None)
+    aim = row["aim"].choice(_AIMS) if "aim" in row else "arm"
+    return Aim(down=aim == "down", fixed=aim == "space")
 
 
 def _grip(row: dict[str, Item]) -> dict[str, Any]:
@@ -378,22 +383,19 @@ def _grip(row: dict[str, Item]) -> dict[str, Any]:
 
 
 def _play(row: dict[str, Item]) -> dict[str, Any]:
-    args: dict[str, Any] = {"file": row["play"].text(_LONGEST_TEXT, least=1)}
-    if Path(args["file"]).name != args["file"]:
+    file = row["play"].text(_LONGEST_TEXT, least=1)
+    if Path(file).name != file:
         raise row["play"].fault("must be the name of a recording in the folder of this file, without a path")
-    for key, name in (("from", "begin"), ("to", "end"), ("smooth", "smooth"), ("factor", "factor")):
-        if key in row:
-            args[name] = row[key].number(0.0)
-    return args | {"fit": _flag(row.get("fit"))}
+    names = {"from": "begin", "to": "end", "factor": "factor"}
+    args: dict[str, Any] = {name: row[key].number(0.0) for key, name in names.items() if key in row}
+    if "smooth" in row:
+        args["smooth"] = row["smooth"].number(0.0, SMOOTHEST, "s")
+    if "fit" in row:
+        args["fit"] = row["fit"].flag()
+    return args
 
 
-_ARGS = {"pose": _pose, "joints": _joints, "place": _place, "grip": _grip, "play": _play}
-
-
-def _flag(item: Item | None) -> bool:
-    if item is None or isinstance(item.value, bool):
-        return item is not None and item.value is True
-    raise item.wrong_kind("true or false")
+_READERS = {"pose": _pose, "joints": _joints, "place": _place, "grip": _grip, "play": _play}
 
 
 def _degrees(item: Item) -> float:
@@ -406,54 +408,12 @@ def _rows(steps: tuple[Step, ...]) -> list[dict[str, Any]]:
 
 def _row(step: Step) -> dict[str, Any]:
     if isinstance(step, Wait):
-        return {"wait": _rounded(step.seconds)}
+        return {"wait": step.seconds}
     if isinstance(step, Confirmation):
         return {"ask": step.text}
     if isinstance(step, Repeat):
         return {"repeat": step.times, "steps": _rows(step.steps)}
-    request = step.request
-    row: dict[str, Any]
-    if request.what == "pose":
-        row = {"pose": request.name}
-    elif request.what == "joints":
-        row = {"joints": {name: _angle(angle) for name, angle in request.goals.items()}}
-    elif request.what == "grip":
-        row = {"grip": _rounded(100 * request.share)}
-    elif request.what == "play":
-        row = {"play": step.file}
-        if request.begin:
-            row["from"] = _rounded(request.begin)
-        if request.end < math.inf:
-            row["to"] = _rounded(request.end)
-        if request.smooth:
-            row["smooth"] = _rounded(request.smooth)
-        if request.factor != 1.0:
-            row["factor"] = _rounded(request.factor)
-        if request.fit:
-            row["fit"] = True
-    else:
-        row = _place_row(request)
-    return row | {"speed": _rounded(request.speed)}
-
-
-def _place_row(request: MotionRequest) -> dict[str, Any]:
-    place, aim = request.place, request.place.aim
-    row: dict[str, Any] = {"place": [_rounded(1e3 * value) for value in place.position]}
-    row |= {name: True for name, flag in (("relative", place.relative), ("line", place.straight)) if flag}
-    if aim.down or aim.fixed:
-        row["aim"] = "down" if aim.down else "space"
-    if aim.rpy is not None:
-        row["rpy"] = [_angle(angle) for angle in aim.rpy]
-    row |= {name: _angle(angle) for name, angle in (("pitch", aim.pitch), ("roll", aim.roll)) if angle is not None}
-    return row | {"branch": place.branch} if place.branch else row
-
-
-def _rounded(value: float) -> float:
-    return float(decimal(value, _DIGITS))
-
-
-def _angle(angle: float) -> float:
-    return _rounded(math.degrees(angle))
+    return dict(step.row)
 
 
 def _write(rows: list[dict[str, Any]], path: str, lines: list[str]) -> None:
@@ -472,9 +432,5 @@ def _value(value: object) -> str:
     if isinstance(value, list):
         return f"[{', '.join(map(_value, value))}]"
     if isinstance(value, dict):
-        return f"{{ {', '.join(f'{_key(name)} = {_value(one)}' for name, one in value.items())} }}"
+        return f"{{ {', '.join(f'{toml_key(name)} = {_value(one)}' for name, one in value.items())} }}"
     return json.dumps(value, ensure_ascii=False)
-
-
-def _key(name: str) -> str:
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else json.dumps(name, ensure_ascii=False)
