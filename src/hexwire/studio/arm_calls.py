@@ -17,7 +17,7 @@ from hexwire.errors import LeaseError, UsageError
 from hexwire.motion.teach import Edits
 
 from .access import WATCHING_ONLY, Right
-from .calls import Arguments, Asked, CallLane, call
+from .calls import Arguments, Asked, CallLane, Named, Switched, call
 from .geometry import make_geometry, make_turns
 
 if TYPE_CHECKING:
@@ -46,10 +46,6 @@ class _SavedMotion(Arguments, frozen=True):
     force: bool = False
 
 
-class _Pose(Arguments, frozen=True):
-    name: str
-
-
 class _SavedPose(Arguments, frozen=True):
     name: str
     gripper: bool = True
@@ -59,10 +55,6 @@ class _SavedPose(Arguments, frozen=True):
 class _NewName(Arguments, frozen=True):
     name: str
     new: str
-
-
-class _Switch(Arguments, frozen=True):
-    on: bool
 
 
 @call("arm.values", Arguments)
@@ -95,14 +87,14 @@ def _rename(asked: Asked, args: _NewName) -> object:
     return _poses(asked, args)
 
 
-@call("arm.remove_pose", _Pose, control=True)
-def _remove(asked: Asked, args: _Pose) -> object:
+@call("arm.remove_pose", Named, control=True)
+def _remove(asked: Asked, args: Named) -> object:
     asked.arm.motions.poses.remove(args.name)
     return _poses(asked, args)
 
 
-@call("arm.teach", _Switch, control=True)
-def _teach(asked: Asked, args: _Switch) -> str:
+@call("arm.teach", Switched, control=True)
+def _teach(asked: Asked, args: Switched) -> str:
     return asked.arm.motions.teach(asked.arm.order(asked.tab, asked.arrived), args.on)
 
 

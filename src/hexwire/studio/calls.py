@@ -33,7 +33,19 @@ if TYPE_CHECKING:
     from .urdf_folder import UrdfFolder
     from .wire_feed import WireFeed
 
-__all__ = ["Arguments", "Asked", "Call", "CallHost", "CallLane", "all_calls", "call", "find_call"]
+__all__ = [
+    "Arguments",
+    "Asked",
+    "Call",
+    "CallHost",
+    "CallLane",
+    "Named",
+    "OfServo",
+    "Switched",
+    "all_calls",
+    "call",
+    "find_call",
+]
 
 
 class CallLane(Enum):
@@ -46,6 +58,24 @@ class CallLane(Enum):
 
 class Arguments(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The arguments of a call; those of one that has none."""
+
+
+class Named(Arguments, frozen=True):
+    """The arguments of a call about a pose, a file, an arm: what has this name."""
+
+    name: str
+
+
+class OfServo(Arguments, frozen=True):
+    """The arguments of a call about one servo of the bus."""
+
+    servo: int
+
+
+class Switched(Arguments, frozen=True):
+    """The arguments of a call that switches something."""
+
+    on: bool
 
 
 class CallHost(Protocol):

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from .source import ArmSource, Source
     from .tabs import Tab, Tabs
 
-__all__ = ["Desk", "Live", "end_tasks"]
+__all__ = ["Count", "Desk", "Live", "end_tasks"]
 
 _log = logging.getLogger(__name__)
 
@@ -63,8 +63,8 @@ _BEAT = 0.2
 """Seconds between two renewals of the lease for a tab that has its socket."""
 
 
-_Number = Annotated[int, msgspec.Meta(ge=0, lt=1 << 53)]
-"""Of a hold or a call, as scripts of pages count."""
+Count = Annotated[int, msgspec.Meta(ge=0, lt=1 << 53)]
+"""A number that scripts of pages count up."""
 
 
 class _Seen(msgspec.Struct, tag_field="do", tag="seen"):
@@ -72,19 +72,19 @@ class _Seen(msgspec.Struct, tag_field="do", tag="seen"):
 
 
 class _Hold(msgspec.Struct, tag_field="do", tag="hold"):
-    id: _Number
+    id: Count
     kind: str
     stops: int
     args: dict[str, Any] = {}
 
 
 class _Beat(msgspec.Struct, tag_field="do", tag="beat"):
-    id: _Number
+    id: Count
     args: dict[str, Any] | None = None
 
 
 class _Release(msgspec.Struct, tag_field="do", tag="release"):
-    id: _Number
+    id: Count
 
 
 class _Stop(msgspec.Struct, tag_field="do", tag="stop"):
@@ -92,7 +92,7 @@ class _Stop(msgspec.Struct, tag_field="do", tag="stop"):
 
 
 class _Call(msgspec.Struct, tag_field="do", tag="call"):
-    id: _Number
+    id: Count
     name: str
     args: dict[str, Any] = {}
     opened: int | None = None

@@ -14,7 +14,7 @@ from hexwire.errors import UsageError
 
 from . import plugged
 from .access import Right
-from .calls import Arguments, Asked, call
+from .calls import Arguments, Asked, Named, Switched, call
 
 __all__ = ["read_address"]
 
@@ -29,14 +29,6 @@ class _Address(Arguments, frozen=True):
 
 class _Bus(Arguments, frozen=True):
     url: str = ""
-
-
-class _Name(Arguments, frozen=True):
-    name: str
-
-
-class _Switch(Arguments, frozen=True):
-    on: bool
 
 
 def read_address(url: str) -> str:
@@ -81,8 +73,8 @@ def _arms(asked: Asked, args: Arguments) -> dict[str, Any]:
     return asked.studio.arms()
 
 
-@call("fleet.open", _Name, right=Right.OPERATE)
-def _open_shared(asked: Asked, args: _Name) -> None:
+@call("fleet.open", Named, right=Right.OPERATE)
+def _open_shared(asked: Asked, args: Named) -> None:
     """Open a shared arm in place of what is open; it must be one that was seen, and no address from elsewhere."""
     asked.studio.open(asked.tab, asked.studio.fleet.known(args.name))
 
@@ -120,8 +112,8 @@ def _resume(asked: Asked, args: Arguments) -> None:
         asked.arm.shared.resume(asked.arm.order(asked.tab, asked.arrived))
 
 
-@call("torque", _Switch)
-def _torque(asked: Asked, args: _Switch) -> None:
+@call("torque", Switched)
+def _torque(asked: Asked, args: Switched) -> None:
     asked.studio.need_control(asked.tab)
     if asked.studio.source.bus is not None:
         if args.on:

@@ -16,7 +16,7 @@ from hexwire.inputs import Item
 from hexwire.new_file import OutputFile
 
 from .access import Right
-from .calls import Arguments, Asked, call
+from .calls import Arguments, Asked, Named, call
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -27,10 +27,6 @@ if TYPE_CHECKING:
 __all__: list[str] = []
 
 _NAME = re.compile(r"[^\W_][\w .()+,=@-]{0,80}", re.ASCII)
-
-
-class _Named(Arguments, frozen=True):
-    name: str
 
 
 class _Steps(Arguments, frozen=True):
@@ -53,8 +49,8 @@ def _names(asked: Asked) -> list[str]:
     return [name.removesuffix(".toml") for name in asked.studio.recordings.library.names(".toml")]
 
 
-@call("arm.program", _Named)
-def _read(asked: Asked, args: _Named) -> list[dict[str, Any]]:
+@call("arm.program", Named)
+def _read(asked: Asked, args: Named) -> list[dict[str, Any]]:
     return read_program(_file(asked, args.name)).rows()
 
 
@@ -67,8 +63,8 @@ def _save(asked: Asked, args: _Saved) -> list[str]:
     return _names(asked)
 
 
-@call("arm.remove_program", _Named, right=Right.OPERATE)
-def _remove(asked: Asked, args: _Named) -> list[str]:
+@call("arm.remove_program", Named, right=Right.OPERATE)
+def _remove(asked: Asked, args: Named) -> list[str]:
     try:
         _file(asked, args.name).unlink()
     except OSError as error:

@@ -16,13 +16,9 @@ from hexwire.control.requests.motion_service import read_motion
 from hexwire.errors import UsageError
 
 from .access import Right
-from .calls import Arguments, Asked, CallLane, call
+from .calls import Arguments, Asked, CallLane, Named, call
 
 __all__: list[str] = []
-
-
-class _Name(Arguments, frozen=True):
-    name: str
 
 
 class _Robot(Arguments, frozen=True):
@@ -87,15 +83,15 @@ def _end(asked: Asked, args: Arguments) -> str:
         return asked.studio.recordings.recorder.stop()
 
 
-@call("recordings.recover", _Name, right=Right.OPERATE, lane=CallLane.FILES)
-def _recover(asked: Asked, args: _Name) -> str:
+@call("recordings.recover", Named, right=Right.OPERATE, lane=CallLane.FILES)
+def _recover(asked: Asked, args: Named) -> str:
     """The name of the new one."""
     with _folder():
         return str(asked.files.ask("recover", args.name))
 
 
-@call("recordings.remove", _Name, right=Right.OPERATE)
-def _remove(asked: Asked, args: _Name) -> None:
+@call("recordings.remove", Named, right=Right.OPERATE)
+def _remove(asked: Asked, args: Named) -> None:
     with _folder():
         asked.studio.recordings.library.remove(args.name)
 

@@ -5,27 +5,26 @@ Owns these calls. Files come and go over HTTP (`wire_api`). Must not know socket
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from .calls import Arguments, Asked, CallLane, call
+from .live import Count
 
 if TYPE_CHECKING:
     from .tabs import Tab
 
 __all__: list[str] = []
 
-_Number = Annotated[int, msgspec.Meta(ge=0, lt=1 << 53)]
-
 
 class _Rows(Arguments, frozen=True):
-    since: _Number = 0
+    since: Count = 0
     filter: str = ""
 
 
 class _Frame(Arguments, frozen=True):
-    number: _Number
+    number: Count
 
 
 class _Series(Arguments, frozen=True):

@@ -18,7 +18,7 @@ from hexwire.bus.backup import (
     take_backup,
 )
 from hexwire.errors import UsageError
-from hexwire.studio.calls import Arguments, Asked, call
+from hexwire.studio.calls import Arguments, Asked, OfServo, call
 
 __all__ = ["LARGEST", "Differences", "compared", "differences", "keep", "newest", "taken"]
 
@@ -35,10 +35,6 @@ class _Servos(Arguments, frozen=True):
     servos: list[int] | None = None
 
 
-class _Servo(Arguments, frozen=True):
-    servo: int
-
-
 @call("backup.take", _Servos, control=True)
 def _take(asked: Asked, args: _Servos) -> dict[str, object]:
     """Back up these servos, or all; the file for the page to save."""
@@ -53,8 +49,8 @@ def _compared(asked: Asked, args: Arguments) -> list[dict[str, object]]:
     return compared(asked, lambda row: differences(asked, row))
 
 
-@call("backup.restore", _Servo, control=True)
-def _restore(asked: Asked, args: _Servo) -> tuple[str, ...]:
+@call("backup.restore", OfServo, control=True)
+def _restore(asked: Asked, args: OfServo) -> tuple[str, ...]:
     """Write the newest backup of a servo back; the names of what has changed."""
     asked.known(args.servo)
     row = newest(asked, args.servo)

@@ -17,7 +17,7 @@ from hexwire.bus.registers import Edit, in_people_unit, make_table, prepare_edit
 from hexwire.drivers.abilities import BareServos, Counters
 from hexwire.errors import HexwireError, ServoError, UsageError
 from hexwire.studio.access import Right
-from hexwire.studio.calls import Arguments, Asked, call
+from hexwire.studio.calls import Arguments, Asked, OfServo, call
 from hexwire.wire.registers import Register, Series
 
 from .backup import Differences, compared, keep, newest
@@ -37,10 +37,6 @@ _UNDONE = 100
 
 class _Joint(Arguments, frozen=True):
     joint: str
-
-
-class _Servo(Arguments, frozen=True):
-    servo: int
 
 
 class _Edit(Arguments, frozen=True):
@@ -139,8 +135,8 @@ def _differences(asked: Asked, args: Arguments) -> list[dict[str, object]]:
     return compared(asked, differ)
 
 
-@call("board.restore", _Servo, control=True)
-def _restore(asked: Asked, args: _Servo) -> list[str]:
+@call("board.restore", OfServo, control=True)
+def _restore(asked: Asked, args: OfServo) -> list[str]:
     """Write the newest backup of a servo back; the names of what has changed."""
     arm, joint, row = asked.arm, _joint_of(asked.arm, args.servo), newest(asked, args.servo)
     if joint is None or row is None:

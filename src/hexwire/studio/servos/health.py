@@ -17,7 +17,7 @@ from hexwire.bus.health import HealthFinding, HealthHistory, Rank, ServoSamples,
 from hexwire.bus.values import fault_words
 from hexwire.errors import HexwireError
 from hexwire.studio.arm_source import live_values
-from hexwire.studio.calls import Arguments, Asked, call
+from hexwire.studio.calls import Arguments, Asked, OfServo, call
 from hexwire.wire.registers import Series
 
 from .board import raw_registers
@@ -34,12 +34,8 @@ _STATES, _WATCHED = 150, 5.0
 """States of an arm from which its servos are judged, and the most seconds to wait for them."""
 
 
-class _Servo(Arguments, frozen=True):
-    servo: int
-
-
-@call("health.rows", _Servo)
-def _rows(asked: Asked, args: _Servo) -> dict[str, Any]:
+@call("health.rows", OfServo)
+def _rows(asked: Asked, args: OfServo) -> dict[str, Any]:
     """The worst of each second, seconds before now; `now` is on the clock of the live values."""
     now = time.monotonic()
     rows = [
@@ -49,8 +45,8 @@ def _rows(asked: Asked, args: _Servo) -> dict[str, Any]:
     return {"now": now, "rows": rows}
 
 
-@call("health.worst", _Servo)
-def worst(asked: Asked, args: _Servo) -> list[tuple[str, str]]:
+@call("health.worst", OfServo)
+def worst(asked: Asked, args: OfServo) -> list[tuple[str, str]]:
     """The worst of ten minutes: names and values."""
     found = _history(asked).summary(args.servo)
     share = f" ({found.lost / found.asked:.2%})" if found.asked else ""
@@ -64,8 +60,8 @@ def worst(asked: Asked, args: _Servo) -> list[tuple[str, str]]:
     ]
 
 
-@call("health.forget", _Servo)
-def _forget(asked: Asked, args: _Servo) -> None:
+@call("health.forget", OfServo)
+def _forget(asked: Asked, args: OfServo) -> None:
     _history(asked).forget(args.servo)
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from hexwire.bus.identity import change_identity, find_again
 from hexwire.errors import ServoError, UsageError
-from hexwire.studio.calls import Arguments, Asked, call
+from hexwire.studio.calls import Arguments, Asked, OfServo, call
 
 from .search import check_rate, rate_words
 
@@ -20,10 +20,6 @@ if TYPE_CHECKING:
     from hexwire.bus.setup import Found, ServoInfo
 
 __all__ = ["change", "look", "rates"]
-
-
-class _Servo(Arguments, frozen=True):
-    servo: int
 
 
 class _Change(Arguments, frozen=True):
@@ -37,8 +33,8 @@ class _Look(Arguments, frozen=True):
     bauds: tuple[int, int]
 
 
-@call("identity.rates", _Servo)
-def _rates(asked: Asked, args: _Servo) -> dict[str, Any]:
+@call("identity.rates", OfServo)
+def _rates(asked: Asked, args: OfServo) -> dict[str, Any]:
     """The rate of the bus, and the rates to choose from, in words."""
     bus = asked.bus.bus
     here = bus.timing.baud

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from hexwire.bus.registers import Edit, TableRow, in_people_unit, read_table, why_not
-from hexwire.studio.calls import Arguments, Asked, call
+from hexwire.studio.calls import Arguments, Asked, OfServo, call
 from hexwire.units import decimal
 
 from .backup import newest
@@ -16,10 +16,6 @@ from .backup import newest
 __all__ = ["applied", "prepared", "values"]
 
 _KEPT = {"eeprom": "stored", "ram": "until power-off", "factory": "fixed"}
-
-
-class _Servo(Arguments, frozen=True):
-    servo: int
 
 
 class _Edit(Arguments, frozen=True):
@@ -30,8 +26,8 @@ class _Edit(Arguments, frozen=True):
     sure: bool = False
 
 
-@call("registers.read", _Servo)
-def _read(asked: Asked, args: _Servo) -> dict[str, Any]:
+@call("registers.read", OfServo)
+def _read(asked: Asked, args: OfServo) -> dict[str, Any]:
     """The table, and what the last edit was that can be undone."""
     asked.known(args.servo)
     saved = newest(asked, args.servo)

@@ -11,7 +11,7 @@ from hexwire.bus import setup as servo_setup
 from hexwire.bus.ids import parse_ids
 from hexwire.drivers.checkup import SERVO_RATES
 from hexwire.errors import ServoError, UsageError
-from hexwire.studio.calls import Arguments, Asked, call
+from hexwire.studio.calls import Arguments, Asked, OfServo, call
 
 if TYPE_CHECKING:
     from hexwire.bus.survey import Surveyed
@@ -28,10 +28,6 @@ class _Search(Arguments, frozen=True):
 
 class _Rate(Arguments, frozen=True):
     baud: int
-
-
-class _Servo(Arguments, frozen=True):
-    servo: int
 
 
 class _Torque(Arguments, frozen=True):
@@ -81,8 +77,8 @@ def _torque(asked: Asked, args: _Torque) -> None:
     asked.bus.switch_torque(args.on, asked.known(args.servo))
 
 
-@call("servos.recover", _Servo, control=True)
-def _recover(asked: Asked, args: _Servo) -> None:
+@call("servos.recover", OfServo, control=True)
+def _recover(asked: Asked, args: OfServo) -> None:
     """End the protection of a servo from overload; without torque, until its fault is gone."""
     asked.known(args.servo)
     with asked.bus.bench.working(f"the recovery of servo {args.servo}"):
@@ -91,8 +87,8 @@ def _recover(asked: Asked, args: _Servo) -> None:
         raise ServoError(f"servo {args.servo} still reports {', '.join(left)}: remove the cause, try again")
 
 
-@call("servos.middle", _Servo, control=True)
-def _middle(asked: Asked, args: _Servo) -> int:
+@call("servos.middle", OfServo, control=True)
+def _middle(asked: Asked, args: OfServo) -> int:
     """Make the present position the middle of the servo's turn; the counts that it reports here now."""
     asked.known(args.servo)
     with asked.bus.bench.working(f"the middle of servo {args.servo}", acts=True):

@@ -19,7 +19,7 @@ from hexwire.errors import HexwireError, UsageError
 from hexwire.inputs import Item
 from hexwire.setup.servo_slide import SlideServo, sliding_servo
 from hexwire.studio.access import Right
-from hexwire.studio.calls import Arguments, Asked, CallHost, call
+from hexwire.studio.calls import Asked, CallHost, OfServo, call
 
 if TYPE_CHECKING:
     from hexwire.control.motion.hold_to_run import HeldMotion
@@ -35,12 +35,8 @@ _MOST = 1000.0
 """Greatest angle in radians; a greater one is in a wrong unit."""
 
 
-class _Servo(Arguments, frozen=True):
-    servo: int
-
-
-@call("slide.range", _Servo, right=Right.OPERATE)
-def _range(asked: Asked, args: _Servo) -> dict[str, float]:
+@call("slide.range", OfServo, right=Right.OPERATE)
+def _range(asked: Asked, args: OfServo) -> dict[str, float]:
     """Where a servo may be, radians from count 0, as its live values are."""
     (servo_id,) = asked.known(args.servo)
     with asked.bus.bench.working(f"a look at servo {servo_id}"):
