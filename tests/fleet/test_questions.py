@@ -35,7 +35,7 @@ from hexwire.fleet.names import ClientRole, Keys
 from hexwire.fleet.network import Network
 from hexwire.fleet.node import NoAnswerError, Node
 from hexwire.fleet.overview import stop_all
-from hexwire.fleet.questions import ask, decoded
+from hexwire.fleet.questions import ask
 from hexwire.fleet.rights import Kind
 from hexwire.fleet.roster import Roster
 from hexwire.fleet.service import Service
@@ -353,7 +353,7 @@ def test_a_router_that_is_stopped_is_not_taken_for_an_arm_that_is_not_there(
 
 def test_an_answer_of_another_kind_is_an_error() -> None:
     with pytest.raises(RemoteProtocolError, match="not a valid answer"):
-        decoded(m.Answer("", value=["not", "facts"]), m.Facts)
+        m.convert(["not", "facts"], m.Facts)
 
 
 def test_what_the_server_refuses_arrives_as_its_error(lab: Lab, served: Service) -> None:

@@ -20,7 +20,6 @@ from hexwire.errors import LinkBusyError, RemoteProtocolError, UsageError
 from hexwire.fleet import messages as m
 from hexwire.fleet import server as module
 from hexwire.fleet.names import ClientRole, Keys
-from hexwire.fleet.questions import decoded
 from hexwire.fleet.server import ArmServer
 
 KEYS = Keys("lab/arm1")
@@ -252,7 +251,7 @@ def test_the_stop_of_another_program_voids_no_later_order_of_the_holder(served: 
 def test_a_client_learns_whose_geometry_the_arm_has(served: Served) -> None:
     robot = served.bench.robot
     robot.model = replace(robot.model, geometry="so101")
-    assert decoded(served.ask(KEYS.ask, m.Ask("facts")), m.Facts).geometry == "so101"
+    assert m.convert(served.ask(KEYS.ask, m.Ask("facts")).value, m.Facts).geometry == "so101"
 
 
 def test_an_unconfirmed_stop_is_an_error_in_its_answer(served: Served) -> None:

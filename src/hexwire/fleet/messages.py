@@ -32,6 +32,7 @@ __all__ = [
     "StopRequest",
     "Stream",
     "Take",
+    "convert",
     "decode",
     "encode",
     "lease_key",
@@ -469,6 +470,18 @@ def decode(payload: bytes, kind: type[_M]) -> _M:
         return decoder.decode(memoryview(payload)[1:])  # type: ignore[no-any-return]  # the decoder is of that kind
     except (msgspec.MsgspecError, ValueError, RecursionError, OverflowError) as error:
         raise RemoteProtocolError(f"not a valid message: {str(error)[:200]}") from None
+
+
+def convert(value: object, kind: type[_M]) -> _M:
+    """The value of an answer, or details of it, as a message or a dataclass.
+
+    Raises:
+        RemoteProtocolError: It is not one of that kind.
+    """
+    try:
+        return msgspec.convert(value, kind)
+    except (msgspec.MsgspecError, TypeError, ValueError, RecursionError, OverflowError) as error:
+        raise RemoteProtocolError(f"not a valid answer: {str(error)[:200]}") from None
 
 
 def lease_key(payload: bytes) -> int:

@@ -8,13 +8,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
-
-import msgspec
+from typing import Any, TypeVar
 
 from hexwire.control.loop.power import Stopped, Torques
 from hexwire.drivers.values import StopMode
-from hexwire.errors import HexwireError
+from hexwire.errors import HexwireError, RemoteProtocolError
 from hexwire.model.state import JointFlag
 
 from . import messages as m
@@ -38,6 +36,8 @@ _DENIED = (
     "again with 'hexwire fleet config'"
 )
 _STARTING = "no answer: its server is starting or ending, or this program may not ask it"
+
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,9 +108,9 @@ def _overview(seen: Seen, answers: list[m.Answer], why: str) -> Overview:
     facts: m.Facts | None = None
     state: tuple[m.State, float] | None = None
     for answer in answers:
-        if (found := _as(answer, m.Facts)) is not None:
+        if (found := _as(answer.value, m.Facts)) is not None:
             facts = found
-        elif (newest := _as(answer, m.State)) is not None:
+        elif (newest := _as(answer.value, m.State)) is not None:
             state = newest, answer.clock
     robot, host = (facts.robot, facts.host) if facts is not None else ("", "")
     if state is None:
@@ -140,17 +140,14 @@ def _faults(state: m.State) -> str:
 
 def _as_torques(details: dict[str, Any]) -> Torques | None:
     """As its server says; a server of before this says nothing."""
-    try:
-        found = msgspec.convert(details, Torques)
-    except (msgspec.MsgspecError, ValueError):
-        return None
-    return found if any((found.holding, found.limp, found.unknown)) else None
+    found = _as(details, Torques)
+    return found if found is not None and any((found.holding, found.limp, found.unknown)) else None
 
 
-def _as(answer: m.Answer, kind: Any) -> Any:
+def _as(value: object, kind: type[_T]) -> _T | None:
     try:
-        return msgspec.convert(answer.value, kind)
-    except (msgspec.MsgspecError, ValueError):
+        return m.convert(value, kind)
+    except RemoteProtocolError:
         return None
 
 

@@ -12,15 +12,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-import msgspec
-
 from hexwire.drivers.values import StopMode
 from hexwire.errors import (
     HexwireError,
     LinkLostError,
     LinkNotFoundError,
     LinkPermissionError,
-    RemoteProtocolError,
     ReplyTimeoutError,
 )
 
@@ -31,7 +28,7 @@ from .names import ClientRole, Keys
 from .node import NoAnswerError, Node
 from .rights import KEY_WORDS
 
-__all__ = ["KEEPS_TORQUE", "Questions", "ask", "decoded", "unknown_certificate"]
+__all__ = ["KEEPS_TORQUE", "Questions", "ask", "unknown_certificate"]
 
 _TIMEOUT = 2.0
 """Time-out of the questions that find out why there was no answer, seconds."""
@@ -40,14 +37,6 @@ _BACK = 0.5
 """Seconds until a server answers questions again after its token has returned."""
 _SILENT = "is its program stopped, or the network slow?"
 _REMEDY = "write the router's access file again with 'hexwire fleet config', and start it again"
-
-
-def decoded(answer: m.Answer, kind: Any) -> Any:
-    """The value of an answer as a message; raises `RemoteProtocolError` if it is not one of that kind."""
-    try:
-        return msgspec.convert(answer.value, kind)
-    except (msgspec.MsgspecError, ValueError) as error:
-        raise RemoteProtocolError(f"not a valid answer: {str(error)[:200]}") from None
 
 
 def ask(node: Node, address: Address, key: str, message: Any, timeout: float, *, urgent: bool = False) -> m.Answer:

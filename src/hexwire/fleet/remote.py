@@ -46,7 +46,7 @@ from .clock import ClockOffset
 from .failures import restore
 from .names import ClientRole, Keys
 from .node import NoAnswerError, Node, Publisher, load_zenoh
-from .questions import Questions, ask, decoded
+from .questions import Questions, ask
 from .rows import arm_model, as_probe_report, joint_names, sent_target
 from .set_points import LONGEST, SharedSetPoints
 from .states import ArrivedStates
@@ -300,7 +300,7 @@ class RemoteRobot(RobotDriver, OwnWatchdog, StateReports, OnboardPaths, Leased, 
         load_zenoh()
         node = address.network().open()
         try:
-            facts = decoded(ask(node, address, Keys(address.name).ask, m.Ask("facts"), _TIMEOUT), m.Facts)
+            facts = m.convert(ask(node, address, Keys(address.name).ask, m.Ask("facts"), _TIMEOUT).value, m.Facts)
             if robot not in (None, facts.robot, facts.geometry or None):
                 raise UsageError(f"{address.text} is a {facts.robot}, not a {robot}; its server names the robot")
             driver = cls(address, facts)
@@ -779,8 +779,7 @@ class RemoteRobot(RobotDriver, OwnWatchdog, StateReports, OnboardPaths, Leased, 
 
     def goal(self, number: int) -> m.Goal:
         """What became of a trajectory; times are of the owner's clock (see `clock_offset`)."""
-        row: m.Goal = decoded(self._asked(m.Ask("goal", number)), m.Goal)
-        return row
+        return m.convert(self._asked(m.Ask("goal", number)).value, m.Goal)
 
     def confirm(self, number: int) -> None:
         """Let a trajectory begin that waits for it.
