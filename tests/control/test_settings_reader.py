@@ -273,8 +273,8 @@ def test_invalid_thresholds_are_refused() -> None:
     thresholds = [field.name for field in fields(SafetyLimits) if field.name != "faults"]
     assert faults(safety={"lod": 1, "load": 0, "faults": 3, "lag": False}) == [
         "safety/lod: unknown, did you mean safety/load?",
-        "safety/load: 0 must be above 0",
         f"safety/faults: unknown, there are {', '.join(thresholds)}",
+        "safety/load: 0 must be above 0",
         "safety/lag: must be a number, not false",
     ]
 

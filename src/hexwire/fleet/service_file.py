@@ -30,7 +30,7 @@ from hexwire.control.requests.settings_reader import read_settings
 from hexwire.control.sharing.lease import TIMEOUT
 from hexwire.drivers.registry import PORT_VARIABLE, is_address
 from hexwire.errors import LinkError, UsageError
-from hexwire.inputs import Item, first_faults, parse_toml, read_text
+from hexwire.inputs import Item, parse_toml, read_text
 from hexwire.link.ports import find_only_board
 
 from .names import check_name
@@ -141,10 +141,7 @@ def read_arms(
             texts += faults.texts
         ports[url] = name
         arms.append(ServedArm(check_name(name or driver.model.name), settings, driver, own))
-    if texts:
-        many = f"{len(texts)} settings are wrong" if len(texts) > 1 else "1 setting is wrong"
-        texts = first_faults(texts)
-        raise UsageError(f"{f'{place.file}: ' if place else ''}{many}: {'; '.join(texts)}")
+    Faults(texts).check(place.file if place else "")
     return arms
 
 

@@ -95,10 +95,7 @@ def load_parameters(params: Mapping[str, object]) -> tuple[Parameters, RobotDriv
     given = faults.read(_TABLE, params)
     own = {row.name: faults.read(row, given.pop(row.name, row.default)) for row in OWN}
     warnings = _take_foreign(given)
-    known = [row.name for row in PARAMETERS]
-    for name in [name for name in given if name not in known]:
-        faults.unknown(name, known)
-        del given[name]
+    given = faults.only(given, [row.name for row in PARAMETERS])
     poses, controllers = given.get("poses"), given.get("controllers")
     for name in poses if isinstance(poses, Mapping) else ():
         if not _POSE_NAME.fullmatch(str(name)):

@@ -191,10 +191,7 @@ def load_settings(given: Mapping[str, object], environ: Mapping[str, str]) -> tu
     simulated, describes = (faults.read(row, given.get(row.name, row.default)) for row in _SWITCHES)
     tables = _nested({k: v for k, v in given.items() if k.partition(".")[0] not in _OF_ROS}, faults)
     warnings = _take_foreign(tables)
-    known = [row.name for row in PARAMETERS]
-    for name in [name for name in tables if name not in known]:
-        faults.unknown(name, known)
-        del tables[name]
+    tables = faults.only(tables, _ROWS)
     own = _read_own(tables, faults)
     distribution = _distribution(own["distribution"], environ, faults)
     _check_names(tables, own, faults)

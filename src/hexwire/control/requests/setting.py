@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Any, ClassVar
@@ -144,8 +144,11 @@ class Faults:
         shown = name.replace("/", self.separator)
         self.texts.append(f"{self.mark}{shown}: {' '.join(str(text).split())}")
 
-    def check(self) -> None:
+    def check(self, file: str = "") -> None:
         """Raise the first faults as one error.
+
+        Args:
+            file: Where they are.
 
         Raises:
             UsageError: There are faults.
@@ -153,7 +156,8 @@ class Faults:
         if self.texts:
             n = len(self.texts)
             texts = "; ".join(first_faults(self.texts))
-            raise UsageError(f"{n} {self.noun}{'s are' if n > 1 else ' is'} wrong: {texts}")
+            place = f"{file}: " if file else ""
+            raise UsageError(f"{place}{n} {self.noun}{'s are' if n > 1 else ' is'} wrong: {texts}")
 
     def read(self, row: Setting, value: object, name: str = "") -> Any:
         """The value of a setting; if it is wrong, that becomes a fault, and the default is returned.
@@ -179,7 +183,20 @@ class Faults:
             return tuple(dict.fromkeys(found))
         return found
 
-    def unknown(self, name: str, known: Iterable[str]) -> None:
+    def only(self, table: Mapping[str, object], known: Collection[str], above: str = "") -> dict[str, object]:
+        """The values of a table under known names; each other name becomes a fault.
+
+        Args:
+            table: Values by name.
+            known: Valid names.
+            above: What is before the names, a path that ends in a slash.
+        """
+        for name in table:
+            if name not in known:
+                self.unknown(f"{above}{name}", known)
+        return {name: value for name, value in table.items() if name in known}
+
+    def unknown(self, name: str, known: Collection[str]) -> None:
         """Add a fault for a name that is not one of the `known` names at the same depth.
 
         Args:
@@ -187,13 +204,12 @@ class Faults:
             known: Valid names.
         """
         above, slash, last = name.rpartition("/")
-        others = tuple(known)
         # The search takes 0.1 ms, and a file of 1 MiB has room for 100,000 names.
-        near = get_close_matches(last, others, n=1) if len(self.texts) < MOST_FAULTS else ()
+        near = get_close_matches(last, known, n=1) if len(self.texts) < MOST_FAULTS else ()
         if near:
             right = f"{above}{slash}{near[0]}".replace("/", self.separator)
             self.add(name, f"unknown, did you mean {self.mark}{right}?")
         elif slash or not self.listing:
-            self.add(name, f"unknown, there are {', '.join(others)}")
+            self.add(name, f"unknown, there are {', '.join(known)}")
         else:
             self.add(name, f"unknown, {self.listing}")

@@ -62,9 +62,7 @@ def read_settings(
         LinkNotFoundError: All settings are right, but no port is given and none is found.
     """
     values = {row.name: faults.read(row, given.get(row.name, row.default)) for row in SETTINGS}
-    for name in given:
-        if name not in _ROWS:
-            faults.unknown(name, _ROWS)
+    faults.only(given, _ROWS)
     driver, like = _make_driver(values, faults)
     model = None if like is None else like.model
     values["kinematics"] = kinematics = None if like is None else _make_kinematics(values, like, faults)
@@ -218,13 +216,8 @@ def _check_angles(path: str, pose: Mapping[str, float], kinematics: KinematicMod
 
 
 def _make_thresholds(table: Mapping[str, object], faults: Faults) -> dict[str, float]:
-    chosen = {}
-    for name, value in table.items():
-        if name in _THRESHOLDS:
-            chosen[name] = faults.read(_THRESHOLD, value, f"safety/{name}")
-        else:
-            faults.unknown(f"safety/{name}", _THRESHOLDS)
-    return chosen
+    known = faults.only(table, _THRESHOLDS, "safety/")
+    return {name: faults.read(_THRESHOLD, value, f"safety/{name}") for name, value in known.items()}
 
 
 # -- controllers ----------------------------------------------------------------------------------------
@@ -244,9 +237,7 @@ def _make_controllers(
     for name, content in several.items():
         path = f"controllers/{name}"
         table = faults.read(_ROWS["controllers"], content, path)
-        for key in table:
-            if key not in CONTROLLER_SETTINGS:
-                faults.unknown(f"{path}/{key}", CONTROLLER_SETTINGS)
+        faults.only(table, CONTROLLER_SETTINGS, f"{path}/")
         rows = [_ROWS[key] for key in CONTROLLER_SETTINGS]
         read = {row.name: faults.read(row, table.get(row.name, row.default), f"{path}/{row.name}") for row in rows}
         if not table.get("joints", ()):
@@ -290,11 +281,9 @@ def _make_tolerances(
             faults.add(f"{path}/{joint}", f"no joint {joint!r} here, there are {', '.join(joints)}")
             continue
         own = rows.setdefault(joint, {})
-        for key, number in faults.read(_ROWS["constraints"], value, f"{path}/{joint}").items():
-            if key in _JOINT_CONSTRAINTS:
-                own[key] = faults.read(_TOLERANCE, number, f"{path}/{joint}/{key}")
-            else:
-                faults.unknown(f"{path}/{joint}/{key}", _JOINT_CONSTRAINTS)
+        given = faults.read(_ROWS["constraints"], value, f"{path}/{joint}")
+        for key, number in faults.only(given, _JOINT_CONSTRAINTS, f"{path}/{joint}/").items():
+            own[key] = faults.read(_TOLERANCE, number, f"{path}/{joint}/{key}")
     return Tolerances(
         path={joint: Tolerance(position=rows[joint]["trajectory"]) for joint in joints},
         goal={
