@@ -114,4 +114,4 @@ def _text_or_none(key: str, value: object) -> str | None:
     """What a page names: None if it names nothing. Anything else is refused: else the taught motion is played."""
     if value is None or isinstance(value, str):
         return value or None
-    raise Item({key: value}).table()[key].wrong_kind("text")
+    raise Item(value, where=key).wrong_kind("text")
