@@ -259,12 +259,12 @@ def parse_result(line: bytes) -> HandResult:
     Raises:
         UsageError: The emulator refused the order; the text is its own. Or it is no such line.
     """
-    row = parse_json(line[:_LONGEST]).table()
+    item = parse_json(line[:_LONGEST])
+    row = item.table()
     if "error" in row:
         raise UsageError(row["error"].text(_LONGEST))
-    row = parse_json(line).table([field.name for field in fields(HandResult)], ())
-    torque, blocked = (row[name].value is True for name in ("torque", "blocked"))
-    return HandResult(row["joint"].text(100), row["moved"].number(), torque, blocked)
+    row = item.table([field.name for field in fields(HandResult)], ())
+    return HandResult(row["joint"].text(100), row["moved"].number(), row["torque"].flag(), row["blocked"].flag())
 
 
 _log = logging.getLogger(__name__)

@@ -119,7 +119,7 @@ def _gltf(data: bytes) -> Mesh:
     document, blob = _opened(data)
     if document.get("extensionsRequired"):
         raise ConfigError("needs an extension of glTF, such as compressed triangles; export it without")
-    views = [_view(Item(row), len(blob)) for row in _table(document, "bufferViews")]
+    views = [_view(row, len(blob)) for row in _table(document, "bufferViews")]
     # Each is copied by a loader.
     if sum(int(row["byteLength"]) for row in views) > len(blob):
         raise ConfigError("has parts that overlap")
@@ -206,8 +206,7 @@ def _indices(value: object, size: int) -> list[int]:
     return [_index(each, size) for each in value]
 
 
-def _view(item: Item, size: int) -> dict[str, int]:
-    row = item.value
+def _view(row: Mapping[str, Any], size: int) -> dict[str, int]:
     _index(row.get("buffer", 0), 1)
     begin = Item(row.get("byteOffset", 0)).integer(0, size)
     made = {"buffer": 0, "byteOffset": begin, "byteLength": Item(row["byteLength"]).integer(1, size - begin)}
