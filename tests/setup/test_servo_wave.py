@@ -3,7 +3,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import product
+from itertools import pairwise, product
 from typing import Any
 
 import pytest
@@ -105,6 +105,38 @@ def test_the_way_back_belongs_to_a_wave_that_asks_for_it() -> None:
     assert longer(1.75) == pytest.approx(-TEN / 2)
     assert longer(seconds) == 0.0
     assert 2.0 < seconds < 2.1
+
+
+@pytest.mark.parametrize("stall", [0.0, 0.1, 0.3, 2.0])
+@pytest.mark.parametrize("at", [1.6, 1.8, 1.99])
+def test_the_servo_is_back_at_its_start_however_long_the_program_stalls_on_the_way(at: float, stall: float) -> None:
+    bench = Bench()
+    before = bench.servo.motion.position
+    wave = Wave("step", TEN, 2.0, 1.5)
+    angle, seconds = and_back(wave.angle, wave.seconds)
+    stalls = [stall]
+    with bench.arm() as (arm, joint):
+
+        def go_on() -> bool:
+            if bench.seen and bench.seen[-1].t > at and stalls:
+                bench.clock.advance(stalls.pop())
+            return True
+
+        run_wave(
+            arm,
+            joint,
+            angle,
+            seconds,
+            bench.end,
+            go_on=go_on,
+            clock=bench.clock,
+            sleep=bench.clock.advance,
+            on_sample=bench.seen.append,
+        )
+    assert bench.end.complete
+    assert bench.servo.motion.position == pytest.approx(before, abs=4)
+    back = [row.goal for row in bench.seen if row.t > wave.seconds]
+    assert all(abs(b - a) <= 0.09 * TEN for a, b in pairwise(back)), "it goes back at one speed"
 
 
 def test_a_stop_of_the_bus_ends_the_wave_and_refuses_the_next() -> None:

@@ -47,6 +47,19 @@ def test_a_wave_goes_from_the_start_and_each_answer_is_recorded_with_the_target_
     assert (bench.wave.over, bench.wave.fault, bench.wave.moving, bench.wave.missed) == (True, "", False, 0)
 
 
+def test_it_waits_while_its_program_does_not_run_and_goes_as_far_as_it_was_to() -> None:
+    bench = Bench()
+    targets = []
+    for stall in (0.0, 0.125, 3.0, 0.0, 0.0, 0.0, 7.0, 0.0):
+        bench.now += stall
+        targets.append(bench.turn())
+    # By two periods after a stall, however long it was.
+    assert targets == [0.5 + 0.125 * i for i in (0, 2, 4, 5, 6, 7)] + [None, None]
+    assert [sample[:2] for sample in bench.samples] == [
+        (0.125 * i, 0.5 + 0.125 * before) for before, i in ((0, 2), (2, 4), (4, 5), (5, 6), (6, 7), (7, 9))
+    ]
+
+
 def test_answers_may_be_missing_now_and_then_but_not_for_long() -> None:
     bench = Bench()
     for flags in ((0,), SILENT, SILENT, (0,), SILENT, SILENT):

@@ -45,6 +45,8 @@ __all__ = [
 class WaveController(SingleMotion):
     """Moves one joint for a time. Nothing is sent ahead: each target lasts one period.
 
+    The wave waits while its program does not run, so that the joint makes no jump, and goes as far as it was to.
+
     Args:
         start: The joint, where it stands.
         wave: Distance from there at a time since the beginning, radians.
@@ -73,6 +75,7 @@ class WaveController(SingleMotion):
         self._start, self._wave, self._seconds, self._period = start, wave, seconds, period
         self._most_silent, self._on_sample = most_silent, on_sample
         self._silent, self._target = 0, math.nan
+        self._looked = math.inf
 
     def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
         """Record an answer; end at a fault, or if the joint stays silent."""
@@ -85,18 +88,25 @@ class WaveController(SingleMotion):
         elif faults := joint.flags.faults & ~JointFlag.SILENT:
             self._end(f"stopped: {faults}")
         elif not self._silent and self.moving:
-            self._on_sample(now - self._begun, self._target, joint)
+            self._on_sample(self._elapsed(now), self._target, joint)
 
     def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | None:
         """The next target."""
         if self._begun == -math.inf:
             self._begun = now
-        if now - self._begun >= self._seconds:
+        t = self._elapsed(now)
+        if t >= self._seconds:
             self.over = True
         if self.over:
             return None
-        self._target = self._start.position + self._wave(now - self._begun)
+        self._target = self._start.position + self._wave(t)
         return JointTarget.of({self._start.name: self._target}, self._period)
+
+    def _elapsed(self, now: float) -> float:
+        """Seconds of the wave."""
+        self._begun += max(0.0, now - self._looked - _MOST_LATE * self._period)
+        self._looked = now
+        return now - self._begun
 
     def _end(self, fault: str) -> None:
         if not self.over:
@@ -109,6 +119,8 @@ _MOST_SILENT = 25
 """Samples in a row that may be missing: half a second."""
 _RETURN = 0.5
 """Seconds for the way back to the start."""
+_MOST_LATE = 2
+"""Periods from one target to the next that count for a wave."""
 
 
 class WaveSample(NamedTuple):
@@ -215,8 +227,8 @@ def and_back(angle: Callable[[float], float], seconds: float) -> tuple[Callable[
     def longer(t: float) -> float:
         return angle(t) if t < seconds else last * max(0.0, 1.0 - (t - seconds) / _RETURN)
 
-    # The last goal must be the start itself.
-    return longer, seconds + _RETURN + 2 / WAVE_RATE
+    # The last goal must be the start itself, however late it is.
+    return longer, seconds + _RETURN + _MOST_LATE / WAVE_RATE
 
 
 def run_wave(
