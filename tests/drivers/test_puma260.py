@@ -7,6 +7,7 @@ import math
 import threading
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -32,6 +33,7 @@ from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
 from hexwire.model.arms.puma260.kinematics import PUMA260
 from hexwire.model.state import JointTarget
+from hexwire.session.policy import RetryPolicy
 from hexwire.wire.command_frame import Command
 from hexwire.wire.modules import ModuleType
 from hexwire.wire.robot_bodies import JointCommands, RobotStatus, TrajectoryPoints
@@ -260,7 +262,9 @@ def test_nobody_there() -> None:
 
 
 @pytest.fixture
-def served() -> Iterator[Served]:
+def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
+    # Its thread may wait for a busy machine.
+    monkeypatch.setattr("hexwire.ipc.session.RetryPolicy", partial(RetryPolicy, attempts=150))
     with served_puma() as server:
         yield server
 
