@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 from tests.control.test_motions import Bench, Watched
 from tests.control.test_timed_motion import Timed
+from tests.defaults import default
 
-from hexwire.control.motion.motions import MotionResult, check_path, run_motion
+from hexwire.control.motion.motions import MotionOptions, MotionResult, check_path, run_grip, run_motion
 from hexwire.drivers.tools import Gripper
 from hexwire.errors import StoppedError, UsageError
 
@@ -25,6 +26,14 @@ def run(bench: Any, grip: float, do: Any = lambda state: None, until: Any = None
     options = bench.options(grace=9.0)
     path = check_path(bench.robot, bench.way(**{"seconds": 2.0, **way}), options, grip=grip)
     return run_motion(bench.robot, path, options, observer=Watched(do), until=until)
+
+
+def alone(bench: Any, grip: float, do: Any = lambda state: None) -> tuple[MotionResult, Watched]:
+    """The gripper moves, and nothing else."""
+    watched = Watched(do)
+    with pytest.MonkeyPatch.context() as patch:
+        default(patch, MotionOptions, clock=bench.arm.clock, sleep=bench.arm.wait)
+        return run_grip(bench.robot, grip, observer=watched), watched
 
 
 def share(bench: Any) -> float:
@@ -57,6 +66,51 @@ def test_jaws_that_meet_an_object_hold_it_and_the_arm_goes_on(bench: Any) -> Non
         return
     # Three degrees further than it got: little pressure.
     assert shaft.target - shaft.position == pytest.approx(34, abs=3)
+
+
+@pytest.mark.parametrize("kind", list(BENCHES)[:2])
+def test_jaws_alone_hold_what_they_meet_in_the_same_way(kind: str) -> None:
+    bench: Any = BENCHES[kind]()
+    alone(bench, 1.0)
+    shaft = bench.arm.board.wire.servos[6].motion
+    shaft.obstacle = (None, shaft.position + 500)
+    before = len(bench.targets)
+    result, watched = alone(bench, 0.0)
+    assert (result.arrived, result.cut, result.holds, result.stopped) == (False, True, True, None)
+    assert result.opening == pytest.approx(0.5, abs=0.05)
+    assert [row for row in watched.said if row[0] == "sent"] == [("sent", ["J7"])], "what was asked for"
+    relief = bench.targets[-1][1]
+    assert (relief.duration, len(bench.targets) > before + 1) == (0.2, True)
+    assert shaft.target - shaft.position == pytest.approx(34, abs=3)
+
+
+def met(runs: Any, stop_at: int) -> tuple[Bench, MotionResult, list[float]]:
+    """Jaws that meet an object, stopped at one of the states meanwhile; and when these were seen."""
+    bench, seen = Bench(), list[float]()
+    alone(bench, 1.0)
+    shaft = bench.arm.board.wire.servos[6].motion
+    shaft.obstacle = (None, shaft.position + 500)
+
+    def stop(state: Any) -> None:
+        seen.append(bench.arm.clock.time)
+        if len(seen) == stop_at:
+            bench.robot.stop()
+
+    found = runs(bench, 0.0, stop)
+    return bench, found[0] if isinstance(found, tuple) else found, seen
+
+
+@pytest.mark.parametrize("runs", [run, alone])
+def test_a_stop_near_the_moment_at_which_they_meet_an_object_is_the_last_word(runs: Any) -> None:
+    bench, result, seen = met(runs, 0)
+    assert result.holds
+    relieved = max(t for t, sent in bench.targets if "J7" in dict(sent.positions))
+    # It takes some steps.
+    last = sum(t <= relieved for t in seen)
+    for stop_at in range(last - 7, min(last + 2, len(seen))):
+        bench, result, seen = met(runs, stop_at)
+        assert result.stopped is not None
+        assert bench.targets[-1][0] <= seen[stop_at - 1]
 
 
 def test_it_has_arrived_when_both_have(bench: Any) -> None:

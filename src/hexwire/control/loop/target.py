@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from hexwire.model.state import JointState
     from hexwire.motion.trajectory import Trajectory
 
+    from ..motion.jaws import Closing
+
 __all__ = ["AHEAD", "SingleMotion", "SteppedWay", "TargetController", "beginning", "holding", "straight"]
 
 AHEAD = 1.5
@@ -135,11 +137,12 @@ class SingleMotion(Goalless):
     Attributes:
         joints: Names.
         over: The motion has ended.
+        void: It was stopped or released, if need be after its end.
         reason: Why it was stopped, or None.
     """
 
     def __init__(self, joints: tuple[str, ...]) -> None:
-        self.joints, self.over = joints, False
+        self.joints, self.over, self.void = joints, False, False
         self.reason: StopReason | None = None
         self._begun = -math.inf
 
@@ -155,6 +158,7 @@ class SingleMotion(Goalless):
 
     def stop(self, reason: StopReason) -> None:
         """End the motion."""
+        self.void = True
         if not self.over:
             self.reason, self.over = reason, True
 
@@ -165,11 +169,13 @@ class SingleMotion(Goalless):
 
     def release(self, why: str) -> None:
         """End the motion."""
-        self.over = True
+        self.over = self.void = True
 
 
 class TargetController(SingleMotion):
     """Moves joints to one target, once.
+
+    Jaws that meet an object hold it with little force from then on, which ends the motion too.
 
     Args:
         target: Positions and duration, at least `smooth_duration`.
@@ -180,9 +186,11 @@ class TargetController(SingleMotion):
         early: The target may count as reached before its duration is over.
         waits: Nothing is sent before `go`.
         arm: Limits within which steps can be braked; None if they cannot.
+        closing: Of a target of the jaws alone: whether they hold an object.
+        eases: Seconds between two steps in which they are relieved; None for at once.
 
     Attributes:
-        sent: The target as sent, once all of it was sent; or None.
+        sent: The target as sent, once all of it was sent; or None. That jaws are relieved does not count.
         arrived: The joints are at the target.
         off: Joints that are not, as of the last state.
         without_torque: Joints that have lost torque.
@@ -200,25 +208,36 @@ class TargetController(SingleMotion):
         early: bool = True,
         waits: bool = False,
         arm: ArmModel | None = None,
+        closing: Closing | None = None,
+        eases: float | None = None,
     ) -> None:
-        goal = dict(target.positions)
-        super().__init__(tuple(goal))
+        super().__init__(tuple([name for name, _ in target.positions]))
         self.sent: SentTarget | None = None
         self.arrived = False
-        self.off: tuple[Deviation, ...] = ()
         self.without_torque: tuple[str, ...] = ()
         self.ended = ""
-        self._target, self._tolerances, self._grace, self._early = target, tolerances, grace, early
-        self._step, self._waits, self._arm = step, waits, arm
-        self._start = beginning(here, goal)
-        self._way: SteppedWay | None = None
+        self._tolerances, self._grace, self._early = tolerances, grace, early
+        self._waits, self._arm, self._closing, self._eases = waits, arm, closing, eases
         self._now = -math.inf
-        self._last = False
         self._silent: dict[str, None] = {}
+        self._aim(target, here, step)
+
+    def _aim(self, target: JointTarget, here: Mapping[str, float], step: float | None) -> None:
+        """Go to a target, instead of to the one before; arguments as of the controller."""
+        self.over = self._last = False
+        self.off: tuple[Deviation, ...] = ()
+        self._target, self._step = target, step
+        self._start = beginning(here, dict(target.positions))
+        self._way: SteppedWay | None = None
         self._arrival: Arrival | None = None
 
     def judge(self, state: JointState, velocity: Sequence[float], now: float) -> None:
-        """Check the arrival."""
+        """Check the arrival, and whether jaws have met an object."""
+        closing = self._closing
+        # Those that have arrived may press all the same.
+        goes_on = (self.arrived or not self.over) and not (self.void or self._braking)
+        if closing is not None and goes_on and closing.see(state):
+            self._aim(closing.gripper.grasp(state), state.positions, self._eases)
         if self.over or self._arrival is None or self.sent is None:
             return
         names = tuple(name for name, _ in self.sent.positions)
@@ -258,8 +277,17 @@ class TargetController(SingleMotion):
         return step
 
     @property
+    def holds(self) -> bool:
+        """There is an object between the jaws."""
+        return self._closing is not None and self._closing.holds
+
+    @property
     def moving(self) -> bool:
-        return super().moving and not (self._way is not None and self._way.braking)
+        return super().moving and not self._braking
+
+    @property
+    def _braking(self) -> bool:
+        return self._way is not None and self._way.braking
 
     def brake(self, why: str) -> bool:
         """Brake, if the target is sent in steps; otherwise the robot has all of it, or is told where to hold."""
@@ -287,10 +315,15 @@ class TargetController(SingleMotion):
             self._arrival = Arrival(self._tolerances, now, _CUT, early=self._early)
 
     def was_sent(self, sent: SentTarget) -> None:
-        """Note how the last target was sent."""
-        self._silent |= dict.fromkeys(sent.silent)
-        if self._last and not (self._way is not None and self._way.braking):
+        """Note how the last target was sent, perhaps together with those of other joints."""
+        own = tuple([pair for pair in sent.positions if pair[0] in self.joints])
+        self._silent |= dict.fromkeys([name for name in sent.silent if name in self.joints])
+        if not own or not self._last or self._braking:
+            return
+        if self.holds:
+            self.over = True
+        else:
             duration = sent.duration if self._step is None else self._target.duration
-            self.sent = SentTarget(sent.positions, duration, sent.clamped, tuple(self._silent))
+            self.sent = SentTarget(own, duration, sent.clamped, tuple(self._silent))
             ends = self._now + (duration if self._step is None else 0.0)
             self._arrival = Arrival(self._tolerances, ends, self._grace, early=self._early)

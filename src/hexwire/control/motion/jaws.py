@@ -1,6 +1,6 @@
 """The jaws of a gripper on their way: alone, or while the arm moves.
 
-Owns when they hold an object, when they have arrived, and what they do beside a motion.
+Owns when they hold an object, and how near to their goal they have arrived.
 """
 
 from __future__ import annotations
@@ -8,23 +8,17 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from hexwire.drivers.tools import Gripper
-from hexwire.model.state import JointTarget, SentTarget
-from hexwire.motion.limits import check_target, smooth_duration
-
-from ..loop.target import TargetController
 from .arrival import Tolerance
 from .goals import Point, TrajectoryGoal
 
 if TYPE_CHECKING:
-    from hexwire.drivers.base import RobotDriver
+    from hexwire.drivers.tools import Gripper
     from hexwire.model.arm import JointModel
     from hexwire.model.state import JointState
 
     from ..loop.controller import TrajectoryController
-    from .arrival import Deviation
 
-__all__ = ["GRACE", "MOST_SECONDS", "Closing", "JawsMeanwhile", "jaw_tolerance", "relieved"]
+__all__ = ["GRACE", "MOST_SECONDS", "Closing", "jaw_tolerance", "relieved"]
 
 MOST_SECONDS = 0.8
 """Seconds from closed to open."""
@@ -102,90 +96,3 @@ def relieved(gripper: Gripper, controller: TrajectoryController, state: JointSta
     rest = (0.0,) * len(goal)
     point = Point(seconds, tuple(goal.values()), rest, rest)
     return TrajectoryGoal(controller.joints, (point,), gives_way=True)
-
-
-class JawsMeanwhile:
-    """A gripper that opens or closes while the other joints follow a path. One thread makes all calls.
-
-    Args:
-        robot: Attached.
-        opening: 0 is closed, 1 fully open.
-        grace: Seconds after their time in which they must arrive.
-
-    Attributes:
-        joint: Name of the gripper's joint.
-        controller: Moves it; set by `begin`.
-
-    Raises:
-        UsageError: The robot has no gripper, or the opening is not within 0..1.
-    """
-
-    controller: TargetController
-
-    def __init__(self, robot: RobotDriver, opening: float, grace: float = GRACE) -> None:
-        self._robot, self._gripper, self._opening, self._grace = robot, Gripper(robot), opening, grace
-        self._goal = {self._gripper.joint.name: self._gripper.angle(opening)}
-        self._closing: Closing | None = None
-        self._step: float | None = None
-        self.joint = self._gripper.joint.name
-
-    def begin(self, state: JointState, step: float | None) -> None:
-        """Begin.
-
-        Args:
-            state: Where the jaws are now.
-            step: Seconds between two targets; None to send the whole way at once.
-        """
-        self._closing, self._step = Closing(self._gripper, self._opening, state), step
-        seconds = max(MOST_SECONDS, smooth_duration(self._robot.model, state.positions, self._goal))
-        self._follow(JointTarget.of(self._goal, seconds), state)
-
-    def see(self, state: JointState) -> bool:
-        """Take the next state; true if the jaws have met an object, and `controller` is a new one that holds it."""
-        if self._closing is None or not self._closing.see(state):
-            return False
-        self._follow(self._gripper.grasp(state), state)
-        return True
-
-    def was_sent(self, sent: SentTarget) -> None:
-        """Note how the last target of all joints was sent."""
-        own = tuple([pair for pair in sent.positions if pair[0] == self.joint])
-        if own:
-            silent = tuple([name for name in sent.silent if name == self.joint])
-            self.controller.was_sent(SentTarget(own, sent.duration, sent.clamped, silent))
-
-    @property
-    def over(self) -> bool:
-        """They have arrived, hold an object with little force, or were stopped."""
-        return self.controller.over or (self.holds and self.controller.sent is not None)
-
-    @property
-    def holds(self) -> bool:
-        """There is an object between them."""
-        return self._closing is not None and self._closing.holds
-
-    @property
-    def off(self) -> tuple[Deviation, ...]:
-        """Their joint, if it is not where it should be."""
-        return () if self.holds else self.controller.off
-
-    @property
-    def without_torque(self) -> tuple[str, ...]:
-        """Their joint, if it has lost torque."""
-        return self.controller.without_torque
-
-    def opening(self, state: JointState) -> float:
-        """How far they are open: 0 is closed, 1 fully open; NaN if that is unknown."""
-        return self._gripper.share(state)
-
-    def _follow(self, target: JointTarget, state: JointState) -> None:
-        here = state.positions
-        self.controller = TargetController(
-            check_target(self._robot.model, target, here),
-            here,
-            {self.joint: jaw_tolerance(self._gripper.joint)},
-            grace=self._grace,
-            step=self._step,
-            early=False,
-            arm=self._robot.model,
-        )

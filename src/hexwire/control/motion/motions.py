@@ -46,7 +46,7 @@ from ..requests.settings import ControllerSettings
 from .arrival import Tolerance
 from .board_path_feeder import ENDED_BY_OTHERS, BoardPathFeeder
 from .goals import Tolerances
-from .jaws import GRACE, MOST_SECONDS, Closing, JawsMeanwhile, jaw_tolerance
+from .jaws import GRACE, MOST_SECONDS, Closing, jaw_tolerance
 from .motion_options import MotionObserver, MotionOptions, wanted_options
 from .motion_result import MotionResult
 from .motion_run import MotionRun
@@ -103,7 +103,7 @@ _WHY = {
 
 
 class Execution:
-    """One motion; see `run_motion`. One of its methods is called, once.
+    """One motion; see `run_motion`. Call `run` once.
 
     Args:
         robot: Attached.
@@ -112,6 +112,7 @@ class Execution:
         asked: When it was asked for; a stop since then voids it.
         until: As in `run_motion`.
         safe: As in `run_motion`.
+        closing: Of a target of the gripper: whether its jaws hold an object, which ends the motion.
     """
 
     def __init__(
@@ -122,25 +123,53 @@ class Execution:
         asked: Token,
         until: Until | None = None,
         safe: AbstractContextManager[object] | None = None,
+        closing: Closing | None = None,
     ) -> None:
         self._robot, self._options, self._observer, self._asked = robot, options, observer, asked
-        self._until, self._safe = until, safe
+        self._until, self._safe, self._closing = until, safe, closing
         self._rate = options.rate or robot.command_rate
         # Of a path that the board keeps; None if targets are sent.
         self._feeder: BoardPathFeeder | None = None
         # A stop of the arm has ended that path; it is known to be at its end.
         self._stopped = self._done = False
 
-    def path(self, legs: Sequence[Trajectory], grip: float | None = None) -> MotionResult:
-        """Follow checked trajectories, each from where the previous one ends; raises as `run_motion`.
+    def run(
+        self,
+        motion: Trajectory | Sequence[Trajectory] | CheckedPath | JointTarget,
+        *,
+        wait: bool = True,
+        rest: bool = False,
+    ) -> MotionResult:
+        """Run it; as `run_motion`."""
+        robot, options = self._robot, self._options
+        clock = options.clock or robot.now
+        began = clock()
+        if isinstance(motion, JointTarget):
+            result = self._target(motion, wait=wait)
+            goal = motion.positions if result.cut else () if result.sent is None else result.sent.positions
+        else:
+            path = motion if isinstance(motion, CheckedPath) else check_path(robot, motion, options)
+            began = clock()
+            result = replace(self._path(path.legs, path.grip), slowed=path.slowed)
+            goal = tuple(zip(path.legs[-1].names, path.legs[-1].goal, strict=True))
+        if wait:
+            result = replace(result, seconds=clock() - began)
+        if not (rest and goal and result.stopped is None and (result.arrived or result.cut)):
+            return result
+        return replace(result, rest=come_to_rest(robot, dict(goal), clock=clock, sleep=options.sleep))
+
+    def _path(self, legs: Sequence[Trajectory], grip: float | None = None) -> MotionResult:
+        """Follow checked trajectories, each from where the previous one ends.
 
         Args:
             legs: The trajectories.
             grip: As in `CheckedPath`.
         """
         robot, options, names = self._robot, self._options, legs[0].names
-        jaws = None if grip is None else JawsMeanwhile(robot, grip, options.grace)
-        every = names if jaws is None else (*names, jaws.joint)
+        gripper = None if grip is None else Gripper(robot)
+        jaws: TargetController | None = None
+        jaws_at = {} if gripper is None or grip is None else {gripper.joint.name: gripper.angle(grip)}
+        every = (*names, *jaws_at)
         none = Tolerances(dict.fromkeys(names, Tolerance()), dict.fromkeys(names, Tolerance()))
         last = Tolerances(none.path, options.goal(names), options.grace)
         limits = options.limits or SafetyLimits.at_period(1.0 / self._rate)
@@ -149,10 +178,15 @@ class Execution:
         controller = TrajectoryController(*kept, check=options.checks(robot))
         arrived, end = False, None
         # The server of a shared arm follows a path as its goal, which a target for the gripper would end.
-        timed = robot.can(OnboardPaths) and not options.host_timed and (jaws is None or robot.can(RefilledPaths))
+        timed = robot.can(OnboardPaths) and not options.host_timed and (grip is None or robot.can(RefilledPaths))
         # And with it, it holds the joints that are not on the path.
         driven = every if not timed or robot.can(RefilledPaths) else robot.model.names
-        with self._owned() if jaws is None else self._owned(jaws.was_sent) as owner:
+
+        def was_sent(sent: SentTarget) -> None:
+            if jaws is not None:
+                jaws.was_sent(sent)
+
+        with self._owned(was_sent) as owner:
             powered = self._give_torque(driven, read_state(robot))
             self._start(owner, controller)
             if timed and owner.group.reason is None:
@@ -169,11 +203,11 @@ class Execution:
                 ):
                     legs = (whole,)
                     controller.generator.waits = False
-            if jaws is not None:
-                self._until = _with_jaws(owner, controller, jaws, self._until)
+            if gripper is not None and grip is not None:
+                state = owner.newest()
+                jaws = self._jaws(Closing(gripper, grip, state), jaws_at, state)
                 with owner.locked():
-                    jaws.begin(owner.newest(), None if self._feeder is not None else 1.0 / self._rate)
-                    owner.group.members = (controller, jaws.controller)
+                    owner.group.members = (controller, jaws)
             for leg in legs:
                 # Stopped before it began: `stopped` has the reason.
                 if owner.group.reason is not None:
@@ -186,13 +220,13 @@ class Execution:
             if jaws is not None:
                 if arrived and not end:
                     end = self._turn(owner, lambda: jaws.over or owner.group.reason is not None)
-                arrived = arrived and (jaws.holds or jaws.controller.arrived)
+                arrived = arrived and (jaws.holds or jaws.arrived)
                 off, without_torque = (*off, *jaws.off), jaws.without_torque
-            braking = [controller] if jaws is None or jaws.over else [controller, jaws.controller]
+            braking = [controller] if jaws is None or jaws.over else [controller, jaws]
             reason = self._end_at(owner, end, every, *braking)
             controller.hold("it is over")
             if jaws is not None:
-                jaws.controller.release("it is over")
+                jaws.release("it is over")
             return MotionResult(
                 arrived,
                 owner.group.reason or reason,
@@ -204,11 +238,29 @@ class Execution:
                 timing=owner.timing.counters,
                 timed=self._feeder is not None,
                 holds=jaws is not None and jaws.holds,
-                opening=math.nan if jaws is None or owner.state is None else jaws.opening(owner.state),
+                opening=math.nan if gripper is None or owner.state is None else gripper.share(owner.state),
             )
 
-    def target(self, target: JointTarget, *, wait: bool) -> MotionResult:
-        """Move joints to a target; raises as `run_motion`.
+    def _jaws(self, closing: Closing, goal: Mapping[str, float], state: JointState) -> TargetController:
+        """What moves the gripper while the other joints follow a path."""
+        arm, here, joint = self._robot.model, state.positions, closing.gripper.joint
+        target = JointTarget.of(goal, max(MOST_SECONDS, smooth_duration(arm, here, goal)))
+        # In steps, like the targets of the others: one target of all joints has one duration.
+        step = None if self._feeder is not None else 1.0 / self._rate
+        return TargetController(
+            check_target(arm, target, here),
+            here,
+            {joint.name: jaw_tolerance(joint)},
+            grace=self._options.grace,
+            step=step,
+            early=False,
+            arm=arm,
+            closing=closing,
+            eases=step,
+        )
+
+    def _target(self, target: JointTarget, *, wait: bool) -> MotionResult:
+        """Move joints to a target.
 
         Args:
             target: Not checked.
@@ -217,6 +269,7 @@ class Execution:
         robot, options, observer = self._robot, self._options, self._observer
         state = _check_target(robot, dict(target.positions), options)
         target = check_target(robot.model, target, {})
+        gripper = None if self._closing is None else self._closing.gripper
         goal = dict(target.positions)
         with self._asked_then():
             cleared = robot.can(OnboardPaths) and OnboardPaths.of(robot).clear_path(list(goal))
@@ -247,11 +300,12 @@ class Execution:
             early=options.early,
             waits=timed,
             arm=robot.model,
+            closing=self._closing,
         )
 
         def was_sent(sent: SentTarget) -> None:
             controller.was_sent(sent)
-            if step is None:
+            if step is None and not controller.holds:
                 observer.sent(sent)
 
         with self._owned(was_sent) as owner:
@@ -285,13 +339,15 @@ class Execution:
                 controller.reason or reason,
                 controller.off,
                 controller.without_torque,
-                cut=bool(end),
+                cut=bool(end) or controller.holds,
                 powered=powered,
                 sent=controller.sent,
                 state=owner.state,
                 timing=owner.timing.counters,
                 timed=self._feeder is not None,
                 ended=controller.ended,
+                holds=controller.holds,
+                opening=math.nan if gripper is None or owner.state is None else gripper.share(owner.state),
             )
 
     # -- the steps ----------------------------------------------------------------------------------
@@ -573,20 +629,6 @@ class Execution:
             raise
 
 
-def _with_jaws(
-    owner: RobotOwner, controller: TrajectoryController, jaws: JawsMeanwhile, until: Until | None
-) -> Until:
-    """`until`, and jaws that meet an object hold it from then on."""
-
-    def seen(state: JointState) -> bool | JointTarget | None:
-        if jaws.see(state):
-            with owner.locked():
-                owner.group.members = (controller, jaws.controller)
-        return None if until is None else until(state)
-
-    return seen
-
-
 def _check_target(robot: RobotDriver, goal: Mapping[str, float], options: MotionOptions) -> JointState:
     """Check the straight path to a target; returns the present state.
 
@@ -704,8 +746,11 @@ def check_path(
         )
     if any(leg.names != legs[0].names for leg in legs):
         raise UsageError("the legs of a motion must move the same joints")
-    if grip is not None and (joint := JawsMeanwhile(robot, grip).joint) in legs[0].names:
-        raise UsageError(f"{joint} is the gripper: give its angle, or how far it opens, not both")
+    if grip is not None:
+        gripper = Gripper(robot)
+        gripper.angle(grip)
+        if (joint := gripper.joint.name) in legs[0].names:
+            raise UsageError(f"{joint} is the gripper: give its angle, or how far it opens, not both")
     begin = read_known(robot, sleep=options.sleep).positions if start is None else start
     where = dict(begin)
     path_check = options.checks(robot)
@@ -779,24 +824,9 @@ def run_motion(
     # From here on a stop voids the motion, however long the steps before it take.
     asked = robot.epochs.mark() if asked is None else asked
     options = MotionOptions() if options is None else wanted_options(options)
-    observer = observer or MotionObserver()
     wait = bool(check("run_motion", "wait", FLAG, wait))
-    execution = Execution(robot, options, observer, asked, until, safe)
-    clock = options.clock or robot.now
-    began = clock()
-    if isinstance(motion, JointTarget):
-        result = execution.target(motion, wait=wait)
-        goal = motion.positions if result.cut else () if result.sent is None else result.sent.positions
-    else:
-        path = motion if isinstance(motion, CheckedPath) else check_path(robot, motion, options)
-        began = clock()
-        result = replace(execution.path(path.legs, path.grip), slowed=path.slowed)
-        goal = tuple(zip(path.legs[-1].names, path.legs[-1].goal, strict=True))
-    if wait:
-        result = replace(result, seconds=clock() - began)
-    if not (rest and goal and result.stopped is None and (result.arrived or result.cut)):
-        return result
-    return replace(result, rest=come_to_rest(robot, dict(goal), clock=clock, sleep=options.sleep))
+    execution = Execution(robot, options, observer or MotionObserver(), asked, until, safe)
+    return execution.run(motion, wait=wait, rest=rest)
 
 
 def run_grip(
@@ -831,12 +861,10 @@ def run_grip(
     joint = gripper.joint
     target = JointTarget.of({joint.name: gripper.angle(opening)}, duration)
     closing = Closing(gripper, opening, robot.read())
-
-    def until(state: JointState) -> bool | JointTarget:
-        return gripper.grasp(state) if closing.see(state) else cancelled()
-
     near = jaw_tolerance(joint)
     how = MotionOptions(tolerance=near.position, standing=near.velocity, grace=GRACE, early=False)
-    result = run_motion(robot, target, how, until=until, observer=observer, asked=asked, rest=True)
-    found = math.nan if result.state is None else gripper.share(result.state)
-    return replace(result, holds=closing.holds, opening=found)
+    asked = robot.epochs.mark() if asked is None else asked
+    execution = Execution(
+        robot, how, observer or MotionObserver(), asked, until=lambda state: cancelled(), closing=closing
+    )
+    return execution.run(target, rest=True)
