@@ -293,7 +293,7 @@ def test_a_stop_that_a_path_tells_of_is_not_another_one() -> None:
         after.append(bench.arm.mark())
         path = onboard.feeder.path
         assert path is not None
-        return onboard._see_end(path.report().state)
+        return onboard._see(path.report(), state)
 
     onboard._follow = stopped  # type: ignore[method-assign]  # from another thread, meanwhile
     bench.until(lambda: told.ends)
@@ -380,8 +380,8 @@ def test_a_joint_that_falls_silent_is_named_also_if_the_newest_state_does_not_sh
     old = bench.owner.newest()
     onboard = bench.owner._output._onboard
     assert onboard is not None
-    look = onboard._look
-    onboard._look = lambda state: look(old)  # type: ignore[method-assign]  # only what it knows differs
+    see = onboard._see
+    onboard._see = lambda report, state: see(report, old)  # type: ignore[method-assign]  # only what it knows differs
     bench.silence("J5")
     bench.until(lambda: told.ends)
     assert told.outcome == STOPPED

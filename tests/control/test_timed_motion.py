@@ -152,6 +152,26 @@ def test_a_stop_ends_it() -> None:
     assert bench.at() < way.goal[0] - 0.1
 
 
+def test_a_path_that_another_program_begins_after_its_end_is_no_stop() -> None:
+    bench = Timed()
+    board, way, seen = bench.arm.board.trajectory, bench.way(seconds=1.0), list[float]()
+    shaft = bench.arm.board.wire.servos[3].motion
+    # It has not arrived yet when its time is over.
+    shaft.obstacle = (None, bench.robot.model.joint("J4").angle_to_counts(way.goal[0]) - 30)
+
+    def another(state: JointState) -> None:
+        since = bench.arm.clock.time - board.start_at
+        if board.state is not PathState.NONE and since >= 1.0 and not seen:
+            seen.append(since)
+            board.number = (board.number + 1) & 0xFF
+        if seen and since > 1.3:
+            shaft.obstacle = (None, None)
+
+    result = bench.run(way, another)
+    assert seen
+    assert (result.arrived, result.stopped) == (True, None)
+
+
 def test_a_stop_before_it_begins_voids_it() -> None:
     bench = Timed()
     way = bench.way()

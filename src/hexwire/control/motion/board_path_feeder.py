@@ -16,11 +16,12 @@ from typing import TYPE_CHECKING
 
 from hexwire.drivers.abilities import OnboardPaths, RefilledPaths
 from hexwire.drivers.timed_path import REST_POINTS, PathReport, PathState, TimedPath, TimedPoint
-from hexwire.errors import CommandRefusedError, DeviceError, StoppedError, UsageError
+from hexwire.errors import CommandRefusedError, DeviceError, LeaseError, StoppedError, UsageError
 from hexwire.motion.eased import LONGEST, ease_out
 from hexwire.motion.limits import rest_duration
 from hexwire.motion.moving import joint_limits
 from hexwire.motion.path_points import nearest_time, path_points, path_rest
+from hexwire.motion.safety import STOP_COMMAND, StopReason, board_stop
 from hexwire.motion.together import Together
 from hexwire.motion.trajectory import Tail
 
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from hexwire.motion.trajectory import Trajectory
 
 __all__ = [
-    "ENDED_BY_OTHERS",
     "BoardPathFeeder",
     "PathBrake",
     "PathPace",
@@ -183,7 +183,7 @@ class PathBrake:
 
 _log = logging.getLogger(__name__)
 
-ENDED_BY_OTHERS = {
+_ENDED_BY_OTHERS = {
     PathState.ABORTED: "another program has ended the path on the board",
     PathState.NONE: "the board was reset, or another program began another path",
 }
@@ -358,6 +358,8 @@ class BoardPathFeeder:
         origin: When the time of the path was 0, host's clock.
         complete: All points have been sent.
         leaving: It comes to rest although the plan goes on.
+        refused: Why it does so, if the robot does not take the rest of the plan, in words; else empty.
+        starved: It does so since the next points came too late.
         rest: At which time of the path it comes to rest then.
         stands: And where, radians by joint, if that is not on the path.
     """
@@ -384,12 +386,13 @@ class BoardPathFeeder:
         # Index from which on the next points replace others, or None.
         self._replaced: int | None = None
         self.complete = False
-        self._looked = -math.inf
+        self._turned = self._looked = -math.inf
         # Seconds that the robot's own brake takes; and the brake that is planned for it.
         self._brakes_for, self._rests = 0.0, PathBrake(robot.model, ())
         # A path that outlives its program is whole when its last point is there: no brake comes before.
         self._outlives = False
         self.leaving, self.rest = False, 0.0
+        self.refused, self.starved = "", False
         self.stands: dict[str, float] | None = None
 
     @property
@@ -444,6 +447,7 @@ class BoardPathFeeder:
             if apart is not None and not self.complete:
                 raise UsageError("the motion takes too long for the points that the robot can hold")
         self.path, self.leaving, self.origin = path, False, begins
+        self.refused, self.starved = "", False
         self._looked = self._clock()
         self.shift(self.start.give(path, begins))
 
@@ -457,6 +461,60 @@ class BoardPathFeeder:
             self._send(path, min(most, room))
             if len(self._sent) == before:
                 break
+
+    # -- a turn -------------------------------------------------------------------------------------
+
+    def turn(self, change: Callable[[], bool] = lambda: True, *, urgent: bool = False) -> PathReport | None:
+        """Ask where the path is, if it is time, and send what comes next.
+
+        Args:
+            change: Replaces the plan if there is a new one; returns whether points can be sent now.
+            urgent: There is a new plan.
+
+        Returns:
+            How the path has ended; None as long as it goes on. What it means, `ended_by` says.
+
+        Raises:
+            StoppedError: The arm is stopped.
+            LeaseError: Whoever moves the joints has lost the right to.
+            HexwireError: As `TimedPath`.
+        """
+        if self._clock() - self._turned < self.pace.pause and not urgent:
+            return None
+        try:
+            if self._must_look(urgent=urgent) and _at_rest((report := self._look()).state):
+                return report
+            if not self.leaving:
+                self._forget_past()
+                if change():
+                    self._refill()
+            return None
+        except (StoppedError, LeaseError):
+            raise
+        except (CommandRefusedError, UsageError) as error:
+            # It ended while the points were on their way; or the rest is beyond the robot's own limits.
+            report = self._look()
+            if _at_rest(report.state):
+                return report
+            if report.state in (PathState.RUNNING, PathState.WAITING):
+                if self._replaced is None or self._replaced > report.towards:
+                    self.refused = str(error)
+                self.leave()
+            return None
+        finally:
+            self._turned = self._clock()
+
+    def ended_by(self, report: PathReport) -> StopReason | None:
+        """Why a path has ended, if a stop or another program has ended it; else None."""
+        found = report.state
+        if found is PathState.STOPPED:
+            # Perhaps resumed since: then no state says so any more.
+            return board_stop(self._robot.read()) or StopReason("board", STOP_COMMAND)
+        # After its end, another program may have begun another one.
+        known = self.ending if found is PathState.NONE else self.leaving
+        if known or found not in _ENDED_BY_OTHERS:
+            return None
+        return StopReason.of_outcome("board", report.why or _ENDED_BY_OTHERS[found])
 
     # -- points -------------------------------------------------------------------------------------
 
@@ -496,8 +554,8 @@ class BoardPathFeeder:
         del waiting[:taken]
         self.complete = last and not waiting
 
-    def refill(self) -> bool:
-        """Send what comes next, as far as there is room; False if the robot would run dry, and comes to rest."""
+    def _refill(self) -> None:
+        """Send what comes next, as far as there is room; if the robot would run dry, it comes to rest."""
         path = self.path
         assert path is not None
         room = path.capacity - REST_POINTS - len(self._sent) - 1
@@ -505,7 +563,6 @@ class BoardPathFeeder:
             room += self._oldest + len(self._sent) - self._replaced
         if not self.complete and room > 0:
             self._send_lasting(path, min(room, self.pace.most(path.capacity)))
-        return not self.leaving
 
     def _send_lasting(self, path: TimedPath, most: int) -> None:
         """Send so many points, or a few more, so that the robot never runs dry.
@@ -520,6 +577,7 @@ class BoardPathFeeder:
             lasts = now + path.lead + self.pace.transit + 0.5 * self._brakes_for + _ENOUGH
             count = most if until >= lasts else self._next_request(path, until, lasts)
             if not count:
+                self.starved = True
                 self.leave()
                 return
             self._send(path, count)
@@ -592,7 +650,7 @@ class BoardPathFeeder:
         self._replaced = self._oldest + place
         return True
 
-    def forget_past(self) -> None:
+    def _forget_past(self) -> None:
         """Forget points of which the robot is past; it keeps the one before that towards which it moves."""
         assert self.path is not None
         passed = self._clock() - self.origin + self.path.lead - self.pace.transit
@@ -603,12 +661,12 @@ class BoardPathFeeder:
 
     # -- where it is --------------------------------------------------------------------------------
 
-    def must_look(self, *, urgent: bool = False) -> bool:
+    def _must_look(self, *, urgent: bool) -> bool:
         """Whether it is time to ask where the path is; a change that is urgent may be sent before that."""
         patience = _LONGER if urgent else _LOOK
         return self.leaving or self.ending or self._clock() - self._looked >= patience
 
-    def look(self) -> PathReport:
+    def _look(self) -> PathReport:
         """Ask where the path is, and keep what is planned to the time of the robot."""
         path, before = self.path, self._clock()
         assert path is not None
@@ -636,10 +694,6 @@ class BoardPathFeeder:
         latest = self._clock() - self._sent[place - 1].time + path.lead if place > 0 else math.inf
         self.shift(max(earliest, min(latest, self.origin)) - self.origin)
 
-    def could_change(self, report: PathReport) -> bool:
-        """Whether it was not too late for the points that were to replace others."""
-        return self._replaced is None or self._replaced > report.towards
-
     # -- coming to rest -----------------------------------------------------------------------------
 
     def leave(self) -> None:
@@ -657,7 +711,7 @@ class BoardPathFeeder:
         self.rest = begins + self._brakes_for / 2.0 if begins > 0.0 else 0.0
         self.leaving = True
 
-    def wait_for_rest(self, wait: Callable[[], object]) -> PathState:
+    def wait_for_rest(self, wait: Callable[[], object]) -> PathReport:
         """Wait until the joints are at rest.
 
         Args:
@@ -672,11 +726,11 @@ class BoardPathFeeder:
         """
         assert self.path is not None
         deadline = self._clock() + _REST
-        while not _at_rest(found := self.path.report().state):
+        while not _at_rest((report := self.path.report()).state):
             if self._clock() > deadline:
                 raise DeviceError("the board does not end its path")
             wait()
-        return found
+        return report
 
     def at_rest(self) -> bool:
         """Whether nothing of the path moves any more; asks the robot."""

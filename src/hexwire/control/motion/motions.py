@@ -21,6 +21,7 @@ from hexwire.errors import (
     CommandRefusedError,
     GoalError,
     HexwireError,
+    LeaseError,
     LimitError,
     PreemptedError,
     ServoError,
@@ -44,7 +45,7 @@ from ..loop.reader import position_unknown, read_known, read_state
 from ..loop.target import TargetController, holding
 from ..requests.settings import ControllerSettings
 from .arrival import Tolerance
-from .board_path_feeder import ENDED_BY_OTHERS, BoardPathFeeder
+from .board_path_feeder import BoardPathFeeder
 from .goals import Tolerances
 from .jaws import GRACE, MOST_SECONDS, Closing, jaw_tolerance
 from .motion_options import MotionObserver, MotionOptions, wanted_options
@@ -98,7 +99,6 @@ _TOO_SLOW = "the board came to rest on its path, because this program was too sl
 _WHY = {
     PathState.DRY: _TOO_SLOW,
     PathState.FAULT: "a joint lost its torque or does not answer; the others came to rest on the path",
-    **ENDED_BY_OTHERS,
 }
 
 
@@ -130,8 +130,8 @@ class Execution:
         self._rate = options.rate or robot.command_rate
         # Of a path that the board keeps; None if targets are sent.
         self._feeder: BoardPathFeeder | None = None
-        # A stop of the arm has ended that path; it is known to be at its end.
-        self._stopped = self._done = False
+        # A stop of the arm has ended that path.
+        self._stopped = False
 
     def run(
         self,
@@ -571,31 +571,24 @@ class Execution:
     def _feed(self) -> StopReason | None:
         """Send the next points if there is room, and see where the board is; why it does not follow, or None."""
         feeder = self._feeder
-        if feeder is None or feeder.path is None or self._done:
+        if feeder is None or feeder.path is None:
             return None
         try:
             with self._asked_then():
-                if feeder.must_look():
-                    report = feeder.look()
-                    self._done = report.state is PathState.DONE
-                    if report.state is PathState.STOPPED:
-                        self._stopped = True
-                        # Perhaps resumed since: then no state says so any more.
-                        return board_stop(self._robot.read()) or StopReason("board", STOP_COMMAND)
-                    if (why := _WHY.get(report.state)) is not None:
-                        return StopReason.of_outcome("board", report.why or why)
-                if feeder.leaving or self._done:
-                    return None
-                feeder.forget_past()
-                return None if feeder.refill() else StopReason("board", _TOO_SLOW)
+                report = feeder.turn()
         except (StoppedError, PreemptedError):
             self._stopped = True
             return StopReason("board", TORQUE_OFF if self._limp else STOP_COMMAND)
-        except CommandRefusedError as error:
-            # It ended while the points were on their way; or the rest is beyond the robot's own limits.
-            return StopReason("board", _WHY.get(feeder.path.report().state, str(error)))
-        except UsageError as error:
+        except LeaseError as error:
             return StopReason("board", str(error))
+        if report is None:
+            why = feeder.refused or (_TOO_SLOW if feeder.starved else "")
+            return StopReason("board", why) if why else None
+        self._stopped = report.state is PathState.STOPPED
+        why = _WHY.get(report.state)
+        reason = feeder.ended_by(report) if why is None else StopReason.of_outcome("board", report.why or why)
+        feeder.drop()
+        return reason
 
     def _come_to_rest(self, owner: RobotOwner, *, abort: bool) -> None:
         """Wait until the joints are at rest on a path of the board, whatever ended the motion.
@@ -611,7 +604,7 @@ class Execution:
             HexwireError: As `TimedPath`.
         """
         feeder = self._feeder
-        if feeder is None or feeder.path is None or self._done:
+        if feeder is None or feeder.path is None:
             return
         try:
             if abort and not feeder.leaving and not feeder.at_rest():

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING
 
 from hexwire.drivers.timed_path import PathReport, PathState
 from hexwire.errors import CommandRefusedError, LeaseError, PreemptedError, StoppedError, UsageError
-from hexwire.motion.safety import STOP_COMMAND, StopReason, board_stop, silence
+from hexwire.motion.safety import StopReason, silence
 from hexwire.motion.set_point_generator import Mode, SetPointGenerator
 from hexwire.motion.together import Together
 
 from ..loop.controller import TrajectoryController
-from .board_path_feeder import ENDED_BY_OTHERS, BoardPathFeeder, first_start
+from .board_path_feeder import BoardPathFeeder, first_start
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -66,7 +66,6 @@ class OnboardExecution:
         self._marks: dict[SetPointGenerator, int] = {}
         # Generators whose targets are sent one by one, until they are at the end of what they follow.
         self._one_by_one: set[SetPointGenerator] = set()
-        self._turned = -math.inf
         # The robot refuses what comes next, and at rest the targets are sent one by one.
         self._unfit = self._refuses = False
 
@@ -112,14 +111,7 @@ class OnboardExecution:
             self.drop()
             return None
         self._set_pace(period)
-        found = None
-        if self.feeder.path is not None:
-            try:
-                found = self._follow(state)
-            except (StoppedError, PreemptedError, LeaseError):
-                raise
-            except (CommandRefusedError, UsageError) as error:
-                found = self._see_refusal(state, error)
+        found = None if self.feeder.path is None else self._follow(state)
         if self.feeder.path is None and found is None and not self._refuses:
             # At once, also after the end of another path: what has been decided for now is on the new one.
             self._begin()
@@ -148,29 +140,25 @@ class OnboardExecution:
             return ()
         if not feeder.leaving:
             feeder.leave()
-        found = feeder.wait_for_rest(lambda: self._sleep(_WAIT))
-        if (reason := self._see_end(found)) is not None:
+        report = feeder.wait_for_rest(lambda: self._sleep(_WAIT))
+        if (reason := feeder.ended_by(report)) is not None:
+            self.drop()
             self._group.stop(reason)
             raise StoppedError.unsent("an order", 0, f"the arm is stopped ({reason}); resume first")
-        if feeder.path is not None:
+        if report.state is PathState.NONE:
+            self.drop()
+        else:
             self._settle()
         return path.joints
 
     def _follow(self, state: JointState) -> StopReason | None:
-        feeder, changed = self.feeder, self.changed
-        if self._clock() - self._turned < feeder.pace.pause and not changed:
-            return None
-        try:
-            if feeder.must_look(urgent=changed):
-                found = self._look(state)
-                if found is not None or feeder.leaving or feeder.path is None:
-                    return found
-            feeder.forget_past()
-            if self._take_changes():
-                feeder.refill()
-            return None
-        finally:
-            self._turned = self._clock()
+        feeder = self.feeder
+        report = feeder.turn(self._take_changes, urgent=self.changed)
+        if feeder.refused and not self._unfit:
+            # The robot's own limits are tighter: targets one by one are clamped, and given more time.
+            _log.warning("the targets are sent one by one from here: %s", feeder.refused)
+            self._unfit = True
+        return None if report is None else self._see(report, state)
 
     # -- the beginning ------------------------------------------------------------------------------
 
@@ -258,35 +246,17 @@ class OnboardExecution:
             for generator in self._members:
                 generator.shift(seconds)
 
-    def _look(self, state: JointState) -> StopReason | None:
-        return self._see(self.feeder.look(), state)
-
     def _see(self, report: PathReport, state: JointState) -> StopReason | None:
-        """Act on where the robot is; returns why the motion is over, or None."""
+        """Act on how the path has ended; returns why the motion is over, or None."""
         found, leaving = report.state, self.feeder.leaving
-        if found is PathState.DONE:
-            if leaving:
-                self._settle()
-            else:
-                self.drop()
-        elif found is PathState.FAULT:
+        if found is PathState.FAULT:
             return self._see_fault(report, state)
-        elif found is PathState.DRY or (found is PathState.ABORTED and leaving):
+        if found is PathState.DRY or (leaving and found in (PathState.DONE, PathState.ABORTED)):
             self._settle()
-        return self._see_end(found)
-
-    def _see_end(self, found: PathState) -> StopReason | None:
-        """Forget a path that others have ended; returns why the motion is over, or None."""
-        if found is PathState.STOPPED:
-            self.drop()
-            # Perhaps resumed since: then no state says so any more.
-            return board_stop(self._robot.read()) or StopReason("board", STOP_COMMAND)
-        if found is PathState.NONE and self.feeder.ending:
-            self.drop()  # another program has begun another path since
-        elif found in ENDED_BY_OTHERS and not (found is PathState.ABORTED and self.feeder.leaving):
-            self.drop()
-            return StopReason("board", ENDED_BY_OTHERS[found])
-        return None
+            return None
+        reason = self.feeder.ended_by(report)
+        self.drop()
+        return reason
 
     def _see_fault(self, report: PathReport, state: JointState) -> StopReason | None:
         joints = self.joints
@@ -304,18 +274,6 @@ class OnboardExecution:
             return None
         self.drop()
         return silence(state, joints)
-
-    def _see_refusal(self, state: JointState, error: Exception) -> StopReason | None:
-        feeder = self.feeder
-        report = feeder.look()
-        if report.state in (PathState.RUNNING, PathState.WAITING):
-            if feeder.could_change(report):
-                # The robot's own limits are tighter: targets one by one are clamped, and given more time.
-                _log.warning("the targets are sent one by one from here: %s", error)
-                self._unfit = True
-            feeder.leave()
-            return None
-        return self._see(report, state)
 
     # -- coming to rest -----------------------------------------------------------------------------
 
