@@ -248,6 +248,25 @@ def test_another_program_that_switches_torque_off_ends_it() -> None:
     assert bench.state in (PathState.FAULT, PathState.BRAKING)
 
 
+def test_a_joint_that_falls_silent_ends_it_and_is_named() -> None:
+    bench = Timed()
+    faults = bench.arm.board.faults
+    answer = faults.bus_answer
+
+    def bus_answer(who: int, said: bytes | None) -> tuple[bytes, float]:
+        return answer(who, None if who == 3 else said)
+
+    def silence() -> None:
+        faults.bus_answer = bus_answer  # type: ignore[method-assign,assignment]  # a fault that begins in mid-run
+
+    result = bench.run(bench.way(seconds=3.0), bench.after(0.5, silence))
+    assert result.timed
+    assert "J4 has not answered for" in result.why
+    place = bench.arm.shaft(3)
+    bench.arm.wait(2.0)
+    assert bench.arm.shaft(3) == pytest.approx(place, abs=2)
+
+
 def test_where_the_board_refuses_a_path_targets_are_sent(caplog: pytest.LogCaptureFixture) -> None:
     bench = Timed()
     limits = list(bench.robot.limits())

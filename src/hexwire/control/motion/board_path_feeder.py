@@ -21,7 +21,7 @@ from hexwire.motion.eased import LONGEST, ease_out
 from hexwire.motion.limits import rest_duration
 from hexwire.motion.moving import joint_limits
 from hexwire.motion.path_points import nearest_time, path_points, path_rest
-from hexwire.motion.safety import STOP_COMMAND, StopReason, board_stop
+from hexwire.motion.safety import STOP_COMMAND, StopReason, board_stop, silence
 from hexwire.motion.together import Together
 from hexwire.motion.trajectory import Tail
 
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
     from hexwire.drivers.timed_path import PathStart
     from hexwire.model.arm import ArmModel
+    from hexwire.model.state import JointState
     from hexwire.motion.trajectory import Trajectory
 
 __all__ = [
@@ -37,6 +38,7 @@ __all__ = [
     "PathPace",
     "StartOrder",
     "first_start",
+    "lost_torque",
     "plan_points",
 ]
 
@@ -472,7 +474,7 @@ class BoardPathFeeder:
             urgent: There is a new plan.
 
         Returns:
-            How the path has ended; None as long as it goes on. What it means, `ended_by` says.
+            How the path has ended; None as long as it goes on. What it means, `ended_by` and `fault` say.
 
         Raises:
             StoppedError: The arm is stopped.
@@ -515,6 +517,21 @@ class BoardPathFeeder:
         if known or found not in _ENDED_BY_OTHERS:
             return None
         return StopReason.of_outcome("board", report.why or _ENDED_BY_OTHERS[found])
+
+    def fault(self, report: PathReport, state: JointState) -> tuple[tuple[str, ...], StopReason]:
+        """Why the path has ended with a fault: the joints without torque, and the reason in words.
+
+        Args:
+            report: Of its end.
+            state: The newest one.
+        """
+        path = self.path
+        assert path is not None
+        if report.towards and all(name in state.torque_on and name not in state.silent for name in path.joints):
+            # The robot has found out what this state does not show yet.
+            state = self._robot.read()
+        limp = tuple([name for name in path.joints if name not in state.torque_on])
+        return limp, StopReason("board", lost_torque(limp)) if limp else silence(state, path.joints)
 
     # -- points -------------------------------------------------------------------------------------
 
@@ -762,6 +779,11 @@ class BoardPathFeeder:
             self.stands = dict(zip(path.joints, place, strict=True))
             place = tuple([self.stands[name] for name in self.on_robot.names])
             self.rest = nearest_time(self.on_robot, left, seconds, place)
+
+
+def lost_torque(limp: Sequence[str]) -> str:
+    """That joints have lost torque, in words."""
+    return f"{', '.join(limp)} lost torque"
 
 
 def _at_rest(state: PathState) -> bool:

@@ -96,10 +96,6 @@ _LONGEST = 6.0
 _TICK = 1e-4
 """Seconds, of which the times of points are multiples."""
 _TOO_SLOW = "the board came to rest on its path, because this program was too slow to send the next points"
-_WHY = {
-    PathState.DRY: _TOO_SLOW,
-    PathState.FAULT: "a joint lost its torque or does not answer; the others came to rest on the path",
-}
 
 
 class Execution:
@@ -585,8 +581,11 @@ class Execution:
             why = feeder.refused or (_TOO_SLOW if feeder.starved else "")
             return StopReason("board", why) if why else None
         self._stopped = report.state is PathState.STOPPED
-        why = _WHY.get(report.state)
-        reason = feeder.ended_by(report) if why is None else StopReason.of_outcome("board", report.why or why)
+        reason = feeder.ended_by(report)
+        if report.state is PathState.FAULT:
+            _, reason = feeder.fault(report, self._robot.read())
+        elif report.state is PathState.DRY:
+            reason = StopReason("board", _TOO_SLOW)
         feeder.drop()
         return reason
 

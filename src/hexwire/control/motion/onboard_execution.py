@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING
 
 from hexwire.drivers.timed_path import PathReport, PathState
 from hexwire.errors import CommandRefusedError, LeaseError, PreemptedError, StoppedError, UsageError
-from hexwire.motion.safety import StopReason, silence
+from hexwire.motion.safety import StopReason
 from hexwire.motion.set_point_generator import Mode, SetPointGenerator
 from hexwire.motion.together import Together
 
 from ..loop.controller import TrajectoryController
-from .board_path_feeder import BoardPathFeeder, first_start
+from .board_path_feeder import BoardPathFeeder, first_start, lost_torque
 
 if TYPE_CHECKING:
     from hexwire.drivers.base import RobotDriver
@@ -259,21 +259,16 @@ class OnboardExecution:
         return reason
 
     def _see_fault(self, report: PathReport, state: JointState) -> StopReason | None:
-        joints = self.joints
-        if report.towards and all(name in state.torque_on and name not in state.silent for name in joints):
-            # The robot has found out what this state does not show yet.
-            state = self._robot.read()
-        limp = [name for name in joints if name not in state.torque_on]
-        if limp:
-            self.drop()
-            self._group.release(f"{', '.join(limp)} lost torque", joints)
-            return None
-        if not report.towards:  # a joint was not where the path begins; nothing has moved
+        joints, (limp, reason) = self.joints, self.feeder.fault(report, state)
+        if not (limp or report.towards):  # a joint was not where the path begins; nothing has moved
             self._unfit, self.feeder.rest = True, 0.0
             self._settle()
             return None
         self.drop()
-        return silence(state, joints)
+        if not limp:
+            return reason
+        self._group.release(lost_torque(limp), joints)
+        return None
 
     # -- coming to rest -----------------------------------------------------------------------------
 
