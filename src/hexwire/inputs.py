@@ -34,7 +34,6 @@ __all__ = [
     "parse_json",
     "parse_message",
     "parse_toml",
-    "raise_faults",
     "read_bytes",
     "read_stream",
     "read_text",
@@ -374,7 +373,7 @@ class Item:
         return (self.step(i, value) for i, value in enumerate(self.value))
 
     def each(self, read: Callable[[Item], _T], most: int | None = None, least: int = 0) -> list[_T]:
-        """What `read` makes of each value of a list; the faults of all are told together.
+        """What `read` makes of each value of a list; the first ten faults are told together, each with its place.
 
         Raises:
             ConfigError: As `rows` and `read`.
@@ -385,7 +384,11 @@ class Item:
                 found.append(read(row))
             except ConfigError as error:
                 faults.append(error)
-        raise_faults(faults)
+        if len(faults) == 1:
+            raise faults[0]
+        if faults:
+            told = [str(error).removeprefix(f"{self.file}:").strip() for error in faults]
+            raise ConfigError("; ".join(first_faults(told)), file=self.file)
         return found
 
     def numbers(self, count: int, low: float, high: float, unit: str = "") -> tuple[float, ...]:
@@ -484,19 +487,6 @@ class Item:
         else:
             got = f"{value}"[:_SHOWN]
         return self.fault(f"must be {wanted}, not {got}")
-
-
-def raise_faults(faults: Sequence[ConfigError]) -> None:
-    """Raise the faults of a file as one error: the first ten, each with its place. Without any, nothing happens.
-
-    Raises:
-        ConfigError: There are faults.
-    """
-    if len(faults) == 1:
-        raise faults[0]
-    if faults:
-        told = [str(error).removeprefix(f"{error.file}:").strip() for error in faults]
-        raise ConfigError("; ".join(first_faults(told)), file=faults[0].file)
 
 
 def first_faults(texts: Sequence[str]) -> list[str]:
