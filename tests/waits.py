@@ -26,6 +26,24 @@ def eventually(what: Callable[[], T]) -> T:
     return found
 
 
+def until(
+    condition: Callable[[], T | None], what: str, explain: Callable[[], str] = str, patience: float = PATIENCE
+) -> T:
+    """Wait until something is neither None nor False; returns it.
+
+    Args:
+        condition: Asked again and again.
+        what: What is waited for, in words.
+        explain: What is known if that does not come.
+        patience: Seconds.
+    """
+    deadline = time.monotonic() + patience
+    while (found := condition()) is None or found is False:
+        assert time.monotonic() < deadline, f"waited in vain until {what}\n{explain()}"
+        time.sleep(0.02)
+    return found
+
+
 def waits(thread: threading.Thread) -> bool:
     """Whether a thread waits for an event, a condition or a future that has not come."""
     # Python 3.11 holds a lock meanwhile that what the collector frees may want, too: it would wait for itself.

@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 from tests.ros2.check_here import load_check
 from tests.ros2.stand_in_ros2 import Ros2
-from tests.ros2.strict_client.wire import Participant, until
+from tests.ros2.strict_client.wire import Participant
 from tests.ros2.strict_client.world import CONTROLLER, NODE, Arm, running
+from tests.waits import until
 
 pytestmark = pytest.mark.system
 

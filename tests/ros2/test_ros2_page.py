@@ -16,8 +16,9 @@ import yaml
 import zenoh
 from tests.link.far_ends import free_port
 from tests.ros2.strict_client.parameters import ParameterClient
-from tests.ros2.strict_client.wire import Participant, router, until
+from tests.ros2.strict_client.wire import Participant, router
 from tests.ros2.strict_client.world import NODE, Arm, running
+from tests.waits import until
 
 pytestmark = pytest.mark.system
 
@@ -127,8 +128,8 @@ def test_five_minutes_without_ros(shell: Shell) -> None:
     shell.start(router)
     shell.start(node)
     # `zenoh-ros2` asks once, and may miss what has not come yet.
-    until(lambda: "/joint_states [sensor_msgs/msg/JointState]" in shell.run(topics), "the topics are listed", 60)
-    until(lambda: "/hardware_interface/stop [std_srvs/srv/Trigger]" in shell.run(services), "and the services", 60)
+    until(lambda: "/joint_states [sensor_msgs/msg/JointState]" in shell.run(topics), "the topics are listed")
+    until(lambda: "/hardware_interface/stop [std_srvs/srv/Trigger]" in shell.run(services), "and the services")
 
 
 def test_names_and_types_of_the_commands_of_ros_exist(arm: Arm) -> None:

@@ -10,7 +10,8 @@ import pytest
 import zenoh
 from tests.link.far_ends import free_port
 from tests.ros2.strict_client.cdr import WrongBytesError
-from tests.ros2.strict_client.wire import SERVICES, Attachment, Participant, ServiceClient, router, until
+from tests.ros2.strict_client.wire import SERVICES, Attachment, Participant, ServiceClient, router
+from tests.waits import until
 
 pytestmark = pytest.mark.system
 

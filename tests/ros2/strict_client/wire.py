@@ -17,17 +17,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import SimpleNamespace
-from typing import Any, TypeVar
+from typing import Any
 
 import xxhash
 import zenoh
 from tests.ros2.strict_client.cdr import Cdr
 from tests.ros2.strict_client.definitions import Definitions, dds_name
+from tests.waits import PATIENCE, until
 from zenoh import ext
-
-T = TypeVar("T")
-PATIENCE = 30.0
-"""Seconds after which what should have come is said not to come; nothing waits this long unless it is broken."""
+from zenoh_ros2_tests.router import Router
 
 ADMIN = "@ros2_lv"
 # rmw_qos_profile_services_default, _parameters, _default; rcl_action's status; rcl's rosout (lifespan 10 s).
@@ -60,17 +58,6 @@ _DEFAULTS = (
 
 class WrongTokenError(Exception):
     """A token that rmw_zenoh_cpp would not have written."""
-
-
-def until(condition: Callable[[], T | None], what: str, patience: float = PATIENCE) -> T:
-    """Wait until something is neither None nor False; returns it."""
-    deadline = time.monotonic() + patience
-    while True:
-        value = condition()
-        if value is not None and value is not False:
-            return value
-        assert time.monotonic() < deadline, f"waited in vain until {what}"
-        time.sleep(0.02)
 
 
 def canonical_qos(text: str) -> str:
@@ -165,7 +152,6 @@ class Received:
     key: str
     at: float
     """By the clock of this machine, in seconds since 1970."""
-    encoding: str = ""
 
 
 def session_config(port: int, **more: Any) -> zenoh.Config:
@@ -186,16 +172,13 @@ def session_config(port: int, **more: Any) -> zenoh.Config:
 
 
 @contextmanager
-def router(port: int) -> Iterator[zenoh.Session]:
+def router(port: int) -> Iterator[None]:
     """What `ros2 run rmw_zenoh_cpp rmw_zenohd` is: a session of mode router."""
-    config = zenoh.Config()
-    config.insert_json5("mode", '"router"')
-    config.insert_json5("listen/endpoints", json.dumps([f"tcp/127.0.0.1:{port}"]))
-    config.insert_json5("scouting/multicast/enabled", "false")
-    # Otherwise it waits half a second for what it finds.
-    config.insert_json5("scouting/delay", "0")
-    with zenoh.open(config) as session:
-        yield session
+    made = Router(f"tcp/127.0.0.1:{port}")
+    try:
+        yield
+    finally:
+        made.stop()
 
 
 class Participant:
@@ -282,7 +265,6 @@ class Graph:
         self._lock = threading.Lock()
         self._alive: dict[str, None] = {}
         self.gone: list[str] = []
-        self.came: list[str] = []
         self._key = f"{ADMIN}/{domain}/**"
         self._subscriber = session.liveliness().declare_subscriber(self._key, self._heard, history=True)
 
@@ -291,7 +273,6 @@ class Graph:
         with self._lock:
             if sample.kind == zenoh.SampleKind.PUT:
                 self._alive[text] = None
-                self.came.append(text)
             else:
                 self._alive.pop(text, None)
                 self.gone.append(text)
@@ -312,7 +293,7 @@ class Graph:
             assert len(found) < 2, f"twice: {found}"
             return found[0] if found else None
 
-        return until(there, f"there is a token with {wanted}; there are {len(self.texts)}", patience)
+        return until(there, f"there is a token with {wanted}", lambda: f"there are {len(self.texts)}", patience)
 
     def asked(self) -> set[str]:
         """What a get of all tokens answers, as rmw_zenoh_cpp does when a context starts."""
@@ -326,7 +307,6 @@ class Subscription:
         self.name = name
         self._participant = participant
         self._samples: queue.Queue[Received | BaseException] = queue.Queue()
-        self.count = 0
         if token.qos.split(":")[1] == "1":
             self._subscriber: Any = ext.declare_advanced_subscriber(
                 participant.session,
@@ -347,8 +327,7 @@ class Subscription:
             raw = bytes(sample.payload)
             attachment = Attachment.of(sample.attachment)
             message = self._participant.cdr.parse(self.name, raw)
-            self._samples.put(Received(message, attachment, raw, str(sample.key_expr), at, str(sample.encoding)))
-            self.count += 1
+            self._samples.put(Received(message, attachment, raw, str(sample.key_expr), at))
         except Exception as error:  # noqa: BLE001 (whoever takes it sees it)
             self._samples.put(error)
 
@@ -482,9 +461,10 @@ class ServiceClient:
         until(
             lambda: graph.tokens(kind="SS", topic=self.token.topic) or None,
             f"{self.token.topic} is there",
-            patience,
+            patience=patience,
         )
-        until(lambda: self._querier.matching_status.matching, f"there is a way to {self.token.key}", patience)
+        matched = lambda: self._querier.matching_status.matching  # noqa: E731
+        until(matched, f"there is a way to {self.token.key}", patience=patience)
 
     def send(self, **fields: Any) -> Reply:
         return self.put(self.participant.cdr.serialize(f"{self.name}_Request", fields))

@@ -17,7 +17,8 @@ from typing import Any
 from tests.link.far_ends import free_port
 from tests.ros2.strict_client.action import ActionClient, Goal, goal, point
 from tests.ros2.strict_client.parameters import ParameterClient
-from tests.ros2.strict_client.wire import LATCHED, ROSOUT, Participant, ServiceClient, Subscription, router, until
+from tests.ros2.strict_client.wire import LATCHED, ROSOUT, Participant, ServiceClient, Subscription, router
+from tests.waits import until
 
 PROGRAM = Path(sys.executable).with_name("hexwire-ros2")
 NODE = "/hardware_interface"
@@ -108,7 +109,7 @@ class Arm:
         self.node = node
         self.name = full_name
         self.prefix = prefix
-        until(self._there, f"{full_name} is in the graph\n{node.said[-2000:]}", 60)
+        until(self._there, f"{full_name} is in the graph", lambda: node.said[-2000:], 60)
         self.joint_states = me.subscribe(f"{prefix}/joint_states", JOINT_STATE)
         self.rosout = me.subscribe("/rosout", "rcl_interfaces/msg/Log", ROSOUT)
         self.action = ActionClient(me, f"{prefix}{ACTION}")
