@@ -5,7 +5,8 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-from hexwire.control.motion.goal_fields import component_rows, tolerance_rows, trajectory_goal
+from hexwire.control.loop.outcomes import Reason
+from hexwire.control.motion.goal_fields import CODES, ErrorCode, component_rows, tolerance_rows, trajectory_goal
 from hexwire.control.motion.goals import ComponentTolerance, Point, TrajectoryGoal
 
 
@@ -33,3 +34,16 @@ def test_tolerances_are_read_as_they_are() -> None:
 def test_component_tolerances_are_read_as_they_are() -> None:
     rows = [SimpleNamespace(joint_name="J1", component=4, position=0.1, velocity=-1.0, acceleration=0.5)]
     assert component_rows(rows) == [ComponentTolerance("J1", 4, 0.1, -1.0, 0.5)]
+
+
+def test_every_reason_has_the_code_that_clients_act_on() -> None:
+    assert list(CODES) == list(Reason)
+    assert {reason: code for reason, code in CODES.items() if code is not ErrorCode.INVALID_GOAL} == {
+        Reason.REACHED: 0,
+        Reason.REPLACED: 0,
+        Reason.CANCELLED: 0,
+        Reason.WRONG_JOINTS: -2,
+        Reason.TOO_LATE: -3,
+        Reason.PATH_TOLERANCE: -4,
+        Reason.GOAL_TOLERANCE: -5,
+    }
