@@ -16,8 +16,6 @@ WATCHDOG = 10.0
 """Seconds: a busy machine stalls longer than the usual 1 s."""
 COMMAND_TIMEOUT = 1.5
 """Seconds: nor is a program that a busy machine lets wait for the usual 0.5 s one that has ended."""
-PAUSE = COMMAND_TIMEOUT + 1.0
-"""Seconds after which set-points begin anew, however the machine shifts the last ones and the first."""
 CONSTRAINTS = {"goal_time": 3.0, "stopped_velocity_tolerance": 0.2}
 
 

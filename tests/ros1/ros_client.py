@@ -78,7 +78,6 @@ class Program:
     def __init__(self) -> None:
         self._publishers: dict[str, Any] = {}
         self._seen: dict[str, list[Any]] = {}
-        self._watching: dict[str, Any] = {}
 
     def collect(self, topic: str, kind: str, count: int = 1, patience: float = PATIENCE) -> list[Any]:
         """The next messages of a topic."""
@@ -103,7 +102,6 @@ class Program:
         """Note every message of a topic from now on, for `seen`."""
         messages = self._seen[topic] = []
         subscriber = rospy.Subscriber(topic, message_class(kind), messages.append, queue_size=1000)
-        self._watching[topic] = subscriber
         deadline = time.monotonic() + PATIENCE
         while not subscriber.get_num_connections():
             if time.monotonic() > deadline:
@@ -112,13 +110,6 @@ class Program:
 
     def seen(self, topic: str) -> list[Any]:
         return [plain(message) for message in self._seen[topic]]
-
-    def seen_positions(self, topic: str) -> list[dict[str, float]]:
-        """Of the joint states of a topic."""
-        return [dict(zip(message.name, message.position, strict=True)) for message in self._seen[topic]]
-
-    def unwatch(self, topic: str) -> None:
-        self._watching.pop(topic).unregister()
 
     def forget(self, node: str, service: str) -> None:
         """Have the master forget a node's service."""
@@ -195,16 +186,10 @@ class Program:
         }
 
     def command(
-        self,
-        topic: str,
-        names: list[str],
-        points: list[dict[str, Any]],
-        delay: float | None = None,
-        listeners: int = 1,
+        self, topic: str, names: list[str], points: list[dict[str, Any]], delay: float | None = None
     ) -> None:
-        """Publish a trajectory once, to at least so many."""
-        publisher = self._publisher(topic, JointTrajectory, listeners)
-        publisher.publish(trajectory(names, points, delay))
+        """Publish a trajectory once."""
+        self._publisher(topic, JointTrajectory).publish(trajectory(names, points, delay))
 
     def joint_commands(self, topic: str, times: int = 1, rate: float = 50.0, **fields: Any) -> None:
         """Publish osrf_msgs/JointCommands."""
@@ -213,22 +198,6 @@ class Program:
         for _ in range(times):
             publisher.publish(kind(**fields))
             rospy.sleep(1.0 / rate)
-
-    def begin_joint_commands(self, topic: str, **fields: Any) -> None:
-        """Publish osrf_msgs/JointCommands at 50 Hz until `end_joint_commands`."""
-        publisher, ending = self._publisher(topic, osrf_msgs().JointCommands), threading.Event()
-
-        def play() -> None:
-            while not ending.wait(0.02):
-                publisher.publish(osrf_msgs().JointCommands(**fields))
-
-        self._stream = ending, threading.Thread(target=play, daemon=True)
-        self._stream[1].start()
-
-    def end_joint_commands(self) -> None:
-        ending, thread = self._stream
-        ending.set()
-        thread.join()
 
     def trigger(self, service: str) -> list[Any]:
         rospy.wait_for_service(service, PATIENCE)
@@ -272,14 +241,14 @@ class Program:
         message = rospy.wait_for_message(topic, JointState, PATIENCE)
         return dict(zip(message.name, message.position, strict=True))
 
-    def _publisher(self, topic: str, kind: Any, listeners: int = 1) -> Any:
+    def _publisher(self, topic: str, kind: Any) -> Any:
         publisher = self._publishers.get(topic)
         if publisher is None:
             publisher = self._publishers[topic] = rospy.Publisher(topic, kind, queue_size=100)
         deadline = time.monotonic() + PATIENCE
-        while publisher.get_num_connections() < listeners:
+        while not publisher.get_num_connections():
             if time.monotonic() > deadline:
-                raise RuntimeError(f"{publisher.get_num_connections()} of {listeners} listen to {topic}")
+                raise RuntimeError(f"nobody listens to {topic}")
             time.sleep(0.01)
         return publisher
 

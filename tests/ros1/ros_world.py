@@ -19,11 +19,12 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import pytest
 from tests.defaults import default
 from tests.link.far_ends import free_port
+from tests.waits import PATIENCE, until
 
 from hexwire.control.sharing.lease import Lease
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
@@ -34,10 +35,6 @@ from hexwire.fleet.service import Service
 from hexwire.fleet.service_file import read_arms
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 
-T = TypeVar("T")
-
-PATIENCE = 40.0
-"""Seconds after which what should have come by itself is said not to come."""
 _STALE = re.compile("no state from the robot|no answer from")
 """Why a goal is refused for want of recent states."""
 ROS_PYTHON = "/usr/bin/python3"
@@ -45,17 +42,6 @@ NODE = (sys.executable, "-m", "tests.patient_node", "ros1")
 HEXWIRE = (sys.executable, "-m", "hexwire.cli")
 CLIENT = Path(__file__).with_name("ros_client.py")
 JOINTS = HEX7BOT.names
-
-
-def until(condition: Callable[[], T | None], what: str, explain: Callable[[], str] = str) -> T:
-    """Wait until something is neither None nor False; returns it."""
-    deadline = time.monotonic() + PATIENCE
-    while True:
-        value = condition()
-        if value is not None and value is not False:
-            return value
-        assert time.monotonic() < deadline, f"waited in vain until {what}\n{explain()}"
-        time.sleep(0.05)
 
 
 class Program:
@@ -173,7 +159,40 @@ class Client:
         self.process.communicate()
 
 
-class World:
+class Programs:
+    """Programs that end together.
+
+    Args:
+        folder: For their output.
+        env: Their environment, besides what this process has.
+        dropped: What this process has that they do not get: names begin so.
+    """
+
+    def __init__(self, folder: Path, env: Mapping[str, str], dropped: tuple[str, ...]) -> None:
+        self.folder, self._programs = folder, list[Program]()
+        self.env = {k: v for k, v in os.environ.items() if not k.startswith(dropped)} | dict(env)
+
+    def start(self, *command: str, **env: str) -> Program:
+        # Of a program in Python its module, its file, or the end of its text.
+        what = command[:3][-1] if command[0] == sys.executable else Path(command[0]).name
+        name = f"{len(self._programs):03}{re.sub(r'[^a-z0-9.]+', '-', what[-30:])}"
+        program = Program(command, {**self.env, **env}, self.folder, name)
+        self._programs.append(program)
+        return program
+
+    def report(self) -> str:
+        return "\n".join(program.report() for program in self._programs[-6:])
+
+    def end_later_than(self, count: int) -> None:
+        """End all but the first so many, the last one first."""
+        for program in reversed(self._programs[count:]):
+            program.kill_all()
+
+    def close(self) -> None:
+        self.end_later_than(0)
+
+
+class World(Programs):
     """A master on a free loopback port.
 
     Args:
@@ -181,17 +200,12 @@ class World:
     """
 
     def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self._programs: list[Program] = []
         self._client: Client | None = None
-        self._count = 0
         for name in ("home", "log", "tmp", "python"):
             (folder / name).mkdir()
         # Other tests need NumPy here; hexwire does not. With it, loading rospy takes every node twice as long.
         (folder / "python" / "numpy.py").write_text("raise ImportError('not on this robot')\n")
-        kept = {k: v for k, v in os.environ.items() if not k.startswith(("ROS_", "HEXWIRE_", "PYTHON"))}
-        self.env = {
-            **kept,
+        env = {
             "ROS_IP": "127.0.0.1",
             "ROS_HOME": str(folder / "home"),
             "ROS_LOG_DIR": str(folder / "log"),
@@ -200,6 +214,7 @@ class World:
             "PYTHONPATH": str(folder / "python"),
             "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
         }
+        super().__init__(folder, env, ("ROS_", "HEXWIRE_", "PYTHON"))
         self.master = self._start_master()
 
     def _start_master(self) -> Program:
@@ -237,13 +252,6 @@ class World:
             self._client.close()
         self._client = None
 
-    def start(self, *command: str, **env: str) -> Program:
-        self._count += 1
-        name = f"{self._count:03}-{Path(command[0]).name if command[0] != sys.executable else command[2]}"
-        program = Program(command, {**self.env, **env}, self.folder, name)
-        self._programs.append(program)
-        return program
-
     def run(self, *command: str, status: int | None = 0, **env: str) -> Program:
         """Run a program to its end, which must have this status if one is given."""
         program = self.start(*command, **env)
@@ -268,13 +276,9 @@ class World:
         assert program.running, program.report()
         return program
 
-    def report(self) -> str:
-        return "\n".join(program.report() for program in self._programs[-6:])
-
     def close(self) -> None:
         self.drop_client()
-        for program in reversed(self._programs):
-            program.kill_all()
+        super().close()
 
 
 def serving_patiently(board: PtyBoard, patch: pytest.MonkeyPatch) -> Service:

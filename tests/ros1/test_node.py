@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.ros1.conftest import PAUSE
-from tests.ros1.ros_world import JOINTS, Arm, near, still, until
+from tests.ros1.ros_world import JOINTS, Arm, near, still
+from tests.waits import until
 
 
 def _aside(arm: Arm, angle: float = 0.2) -> float:
@@ -82,8 +82,6 @@ def test_command_moves_the_arm_and_an_empty_one_holds_it(arm: Arm) -> None:
 WRONG_COMMANDS: dict[str, tuple[dict[str, Any], str]] = {
     "unknown joint": ({"names": ["elbow"], "points": [{"t": 1.0, "positions": [0.0]}]}, "elbow"),
     "not a number": ({"names": ["J1"], "points": [{"t": 1.0, "positions": [math.nan]}]}, "nan"),
-    "too short": ({"names": ["J1", "J2"], "points": [{"t": 1.0, "positions": [0.0]}]}, "command refused"),
-    "outside limits": ({"names": ["J1"], "points": [{"t": 5.0, "positions": [9.0]}]}, "limits"),
     "past": ({"names": ["J1"], "points": [{"t": 1.0, "positions": [0.0]}], "delay": -100.0}, "ago"),
 }
 
@@ -104,66 +102,6 @@ def test_wrong_command_is_logged_and_moves_nothing(arm: Arm) -> None:
         )
         assert text in arm.node.err[said:].lower(), case
         assert near(before, arm.board.positions, 0.002), case
-
-
-@pytest.mark.slow
-def test_joint_commands_are_pursued(arm: Arm) -> None:
-    # A stream before a stop has paused.
-    time.sleep(PAUSE)
-    target = {"J1": _aside(arm), "J6": 0.1}
-    fields = {"name": list(target), "position": list(target.values())}
-    arm.client.joint_commands(topic="/joint_commands", times=80, kp_position=[1.0, 1.0], **fields)
-    until(lambda: near(target, arm.board.positions), "it is there", arm.node.report)
-    arm.logged("ignored: kp_position")
-
-
-@pytest.mark.slow
-def test_set_points_that_go_on_through_a_stop_move_nothing_after_the_reset(arm: Arm) -> None:
-    target = {"J1": _aside(arm, 0.8)}
-    start = arm.board.positions
-    # A stream of the test before has paused.
-    time.sleep(PAUSE)
-    arm.client.begin_joint_commands(topic="/joint_commands", name=["J1"], position=[target["J1"]])
-    try:
-        until(lambda: not near(start, arm.board.positions, 0.05), "it moves", arm.node.report)
-        assert arm.trigger("stop").startswith("stopped, ")
-        stood, said = still(lambda: arm.board.positions), len(arm.node.err)
-        arm.trigger("reset")
-        text = "joint_commands refused: they have come since before"
-        until(lambda: text in arm.node.err[said:], "it is logged", arm.node.report)
-        time.sleep(0.5)
-        assert near(stood, arm.board.positions, 0.01)
-        assert not near(stood, target, 0.1)
-    finally:
-        arm.client.end_joint_commands()
-
-
-WRONG_SET_POINTS: dict[str, tuple[dict[str, Any], str]] = {
-    "unknown joint": ({"name": ["J1", "elbow"], "position": [0.3, 0.0]}, "'elbow'"),
-    "joint twice": ({"name": ["J1", "J1"], "position": [0.3, 0.4]}, "twice"),
-    "not a number": ({"name": ["J1", "J2"], "position": [0.3, math.nan]}, "the position of J2 is nan"),
-    "too short": ({"name": ["J1", "J2"], "position": [0.3]}, "position has 1 values for 2 names"),
-    "other field too long": ({"name": ["J1"], "position": [0.3], "effort": [0.0, 0.0]}, "effort has 2 values"),
-    "outside limits": ({"name": ["J1"], "position": [9.0]}, "outside its limits"),
-    "no position": ({"name": ["J1"], "velocity": [0.3]}, "no position"),
-}
-
-
-@pytest.mark.slow
-def test_wrong_set_points_are_logged_and_move_nothing(arm: Arm) -> None:
-    # Between them and the ones of the test before is a stop.
-    time.sleep(PAUSE)
-    before, said = arm.board.positions, len(arm.node.err)
-    for wrong, text in WRONG_SET_POINTS.values():
-        arm.client.joint_commands(topic="/joint_commands", **wrong)
-        until(
-            lambda text=text: any(  # type: ignore[misc]  # bound at once
-                "joint_commands refused" in line and text in line for line in arm.node.err[said:].splitlines()
-            ),
-            f"{text} is logged",
-            arm.node.report,
-        )
-    assert near(before, still(lambda: arm.board.positions), 0.002)
 
 
 # -- services ------------------------------------------------------------------------------------------------
@@ -240,18 +178,10 @@ def test_taught_motion_is_latched_saved_and_played(arm: Arm) -> None:
     assert near(led_to, arm.board.positions)
 
 
-@pytest.mark.slow
-def test_teaching_without_a_motion_is_reported_and_the_arm_is_held_again(arm: Arm) -> None:
-    still(lambda: arm.board.positions)
-    arm.trigger("teach/start")
-    assert "move" in arm.refused("teach/stop")
-    assert all(servo.torque_on for servo in arm.board.board.wire.servos)
-
-
 # -- diagnostics ---------------------------------------------------------------------------------------------
 
 
-def test_diagnostics_come_with_every_servo(arm: Arm) -> None:
+def test_diagnostics_come_with_every_servo_and_tell_a_stop(arm: Arm) -> None:
     messages = arm.client.collect(topic="/diagnostics", kind="diagnostic_msgs/DiagnosticArray", count=3)
     for message in messages:
         parts = ["link", "board", *(f"{name} (servo {i})" for i, name in enumerate(JOINTS))]
@@ -261,15 +191,10 @@ def test_diagnostics_come_with_every_servo(arm: Arm) -> None:
     assert math.isclose(float(values["position (deg)"]), math.degrees(arm.board.positions["J1"]), abs_tol=1.0)
     stamps = [message["header"]["stamp"] for message in messages]
     assert stamps == sorted(set(stamps))
-
-
-def test_diagnostics_tell_a_stop(arm: Arm) -> None:
     arm.diagnosed("board", 0, "ok")
     arm.trigger("stop")
     row = arm.diagnosed("board", 1, "stopped: requested by service")
     assert {"key": "stopped", "value": "requested by service"} in row["values"]
-    arm.trigger("reset")
-    arm.diagnosed("board", 0, "ok")
 
 
 def test_everything_is_where_it_was_promised(arm: Arm) -> None:

@@ -1,4 +1,7 @@
-"""The node with every kind of robot, several controllers, other names and simulated time."""
+"""The node with several controllers, a robot that obeys gains, other names and simulated time.
+
+How each kind of robot moves is tested in `drivers` and `control`.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,8 @@ import json
 
 import pytest
 from tests.drivers.puma_server import served_puma
-from tests.ros1.ros_world import JOINTS, Arm, World, near, until
+from tests.ros1.ros_world import Arm, World, near
+from tests.waits import until
 
 from hexwire.wire.robot_bodies import JointCommands
 
@@ -53,19 +57,6 @@ def test_two_controllers_move_at_once(world: World) -> None:
     assert node.end() == 0
 
 
-def test_puma_over_tcp(world: World) -> None:
-    url = world.sim("puma260", "--tcp", "127.0.0.1:0").out.split()[0]
-    node = world.node("__ns:=puma", "_robot:=puma260", f"_port:={url}", "_enable_on_start:=true")
-    arm = Arm(world, node, "/puma/")
-    here = arm.position()
-    assert list(here) == ["J1", "J2", "J3", "J4", "J5", "J6"]
-    target = {**here, "J1": here["J1"] + 0.1, "J5": here["J5"] + 0.1}
-    arm.moves("one", target, 2.0)
-    assert near(target, arm.position())
-    arm.diagnosed("link", 0, "ok")
-    assert node.end() == 0
-
-
 def test_gains_go_to_a_controller_that_obeys_them(world: World) -> None:
     with served_puma() as served:
         node = world.node("__ns:=gains", "_robot:=puma260", f"_port:={served.tcp}", "_enable_on_start:=true")
@@ -85,38 +76,10 @@ def test_gains_go_to_a_controller_that_obeys_them(world: World) -> None:
         until(lambda: not any(served.robot._gains), "the controller's own loop holds", node.report)
         arm.client.joint_commands(topic="/gains/joint_commands", velocity=[0.1, 0.1], **what)
         until(lambda: "gain; ignored: velocity" in node.err, "it is logged", node.report)
+        arm.client.joint_commands(topic="/gains/joint_commands", kp_position=[1.0], **what)
+        refused = "joint_commands refused: kp_position has 1 values for 2 names"
+        until(lambda: refused in node.err, "it is logged", node.report)
         assert node.end() == 0
-
-
-def test_bus_arm(world: World) -> None:
-    port = world.folder / "bus"
-    world.sim("bus", "--ids", "1-6", "--baud", "0", "--link", str(port))
-    node = world.node(
-        "__ns:=bus",
-        *("_robot:=so101", f"_port:={port}", "_enable_on_start:=true", "_allow_partial_joints_goal:=true"),
-    )
-    arm = Arm(world, node, "/bus/")
-    here = arm.position()
-    assert list(here)[:2] == ["shoulder_pan", "shoulder_lift"]
-    target = {"shoulder_pan": here["shoulder_pan"] + 0.2}
-    arm.moves("one", target, 1.5)
-    assert near(target, arm.position())
-    arm.diagnosed("board", 1, "no watchdog")
-    assert node.end() == 0
-
-
-def test_board_of_the_chapter_works_at_its_own_pace(world: World) -> None:
-    port = world.folder / "slow"
-    world.board(port, "--dialect", "1")
-    node = world.node("__ns:=slow", f"_port:={port}", "_enable_on_start:=true", "_allow_partial_joints_goal:=true")
-    arm = Arm(world, node, "/slow/")
-    here = arm.position()
-    assert set(here) == set(JOINTS)
-    target = {"J1": here["J1"] + 0.2}
-    arm.moves("one", target, 3.0)
-    assert near(target, arm.position())
-    arm.diagnosed("board", 1, "no watchdog, no limits on this board")
-    assert node.end() == 0
 
 
 def test_names_follow_namespace_and_remappings(world: World) -> None:
@@ -164,25 +127,3 @@ def test_simulated_time_without_a_clock_holds_nothing_up(world: World) -> None:
     until(lambda: near(target, arm.position()), "it is there", node.report)
     arm.trigger("stop")
     assert node.end() == 0
-
-
-def test_simulated_time_stamps_joint_states(world: World) -> None:
-    port = world.folder / "clocked"
-    world.board(port)
-    world.client.set_param(name="/use_sim_time", value=True)
-    clock = world.start(
-        "rostopic", "pub", "-r", "20", "/clock", "rosgraph_msgs/Clock", "clock: {secs: 1000, nsecs: 0}"
-    )
-    try:
-        node = world.node("__ns:=clocked", f"_port:={port}")
-        arm = Arm(world, node, "/clocked/")
-
-        def stamp() -> float:
-            (message,) = arm.client.collect(topic="/clocked/joint_states", kind="sensor_msgs/JointState")
-            return float(message["header"]["stamp"])
-
-        until(lambda: 990.0 < stamp() <= 1000.0, "stamps are those of the clock", node.report)
-        assert node.end() == 0
-    finally:
-        clock.kill_all()
-        world.client.delete_param(name="/use_sim_time")

@@ -7,7 +7,8 @@ import sys
 from collections.abc import Iterator
 
 import pytest
-from tests.ros1.ros_world import HEXWIRE, NODE, Arm, PtyBoard, World, made, near, serving_patiently, still, until
+from tests.ros1.ros_world import HEXWIRE, NODE, Arm, PtyBoard, World, made, near, serving_patiently, still
+from tests.waits import until
 
 from hexwire.drivers import registry
 from hexwire.fleet.remote import RemoteRobot
@@ -95,32 +96,6 @@ def test_two_watch_one_records_one_moves_the_node_publishes_and_a_sixth_stops(sh
     shared.diagnosed("board", 2, "stopped")
     info = world.run(*HEXWIRE, "record", "info", str(file))
     assert "foxglove.JointStates" in info.out
-
-
-def test_a_goal_is_followed_while_another_program_reads_and_is_refused_to_move(arm: Arm) -> None:
-    with other() as robot:
-        here = robot.read().positions
-        target = {"J1": here["J1"] - 0.2}
-        arm.send("one", target, 1.0)
-        states = robot.stream(0.05)
-        until(lambda: next(states).positions["J1"] < here["J1"] - 0.02, "another program sees it", arm.node.report)
-        refused = arm.world.run(*HEXWIRE, "move", "J1=0", "--port", PORT, status=1)
-        assert f"process {arm.node.process.pid}" in refused.err
-        assert refused.err.count("\n") == 1
-        arm.succeeded("one")
-        assert near(target, robot.read().positions)
-
-
-def test_a_stop_by_service_and_one_of_another_program_abort_a_goal(arm: Arm) -> None:
-    with other() as robot:
-        for stop in (lambda: arm.trigger("stop"), robot.stop):
-            arm.send("long", {"J1": arm.position()["J1"] + 0.5}, 10.0)
-            arm.client.wait_active(key="long")
-            stop()
-            assert arm.result("long")["state"] == "ABORTED"
-            assert robot.read().stopped
-            arm.trigger("reset")
-            assert not robot.read().stopped
 
 
 def test_a_goal_ends_with_the_lease_and_only_a_reset_takes_it_again(arm: Arm) -> None:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
-import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.model.poses import pose_error
-from tests.ros1.ros_world import HEXWIRE, JOINTS, Arm, World, near, still, until
+from tests.ros1.ros_world import HEXWIRE, JOINTS, Arm, World, near, still
+from tests.waits import until
 
 import hexwire.ros1
 from hexwire.model.geometry import make_kinematics, make_shapes
@@ -20,36 +19,26 @@ SHARE = Path(hexwire.ros1.__file__).resolve().parent / "share"
 
 
 @pytest.mark.slow
-def test_rostopic_echo(arm: Arm) -> None:
-    out = arm.world.run("rostopic", "echo", "-n1", "-p", "/joint_states").out
-    head, row = out.splitlines()
+def test_programs_of_ros_find_the_node_read_it_and_stop_it(arm: Arm) -> None:
+    head, row = arm.world.run("rostopic", "echo", "-n1", "-p", "/joint_states").out.splitlines()
     values = dict(zip(head.split(","), row.split(","), strict=True))
     angles = {name: float(values[f"field.position{i}"]) for i, name in enumerate(JOINTS)}
     assert [values[f"field.name{i}"] for i in range(len(JOINTS))] == list(JOINTS)
     assert near(angles, arm.board.positions)
-
-
-@pytest.mark.slow
-def test_rostopic_hz(arm: Arm) -> None:
-    # Counts arrivals, which stall with the machine; that the raster is right is said by stamps, elsewhere.
-    program = arm.world.start("rostopic", "hz", "-w", "100", "/joint_states", PYTHONUNBUFFERED="1")
-
-    def counted() -> bool:
-        rates = re.findall(r"^average rate: ([\d.]+)$", program.out, re.MULTILINE)
-        return any(60 < float(rate) < 140 for rate in rates)
-
-    until(counted, "a hundred come in a second", program.report)
-    program.kill_all()
-
-
-@pytest.mark.slow
-def test_rostopic_pub_moves_the_arm(arm: Arm) -> None:
-    here = arm.position()["J1"]
-    target = here - math.copysign(0.2, here)
-    text = f"{{joint_names: [J1], points: [{{positions: [{target}], time_from_start: {{secs: 1}}}}]}}"
-    program = arm.world.start("rostopic", "pub", "-1", "/command", "trajectory_msgs/JointTrajectory", text)
-    until(lambda: near({"J1": target}, arm.board.positions), "it is there", arm.node.report)
-    program.kill_all()
+    info = arm.world.run("rosnode", "info", "/hardware_interface").out
+    assert f"Pid: {arm.node.process.pid}" in info
+    assert "/joint_states [sensor_msgs/JointState]" in info
+    names = ("stop", "reset", "enable", "go_to/home", "teach/start", "teach/stop", "teach/play")
+    assert all(f"* {arm.service(name)}\n" in info for name in names)
+    parameters = arm.world.run("rosparam", "get", "/hardware_interface").out
+    assert "/ipc_msg.conf" in parameters
+    assert "goal_time: 3.0" in parameters
+    out = arm.world.run("rosservice", "call", arm.service("stop")).out
+    assert "success: True" in out
+    assert "all joints confirmed" in out
+    out = arm.world.run("rosservice", "call", arm.service("enable"), "true").out
+    assert "success: False" in out
+    assert "reset" in out
 
 
 def test_the_example_moves_the_arm(arm: Arm) -> None:
@@ -58,72 +47,6 @@ def test_the_example_moves_the_arm(arm: Arm) -> None:
     first, last = (float(line.split()[3]) for line in out.splitlines())
     assert (first, last) == (pytest.approx(before, abs=0.02), pytest.approx(before + 0.2, abs=0.03))
     until(lambda: near({"J1": before + 0.2}, arm.board.positions), "it is there", arm.node.report)
-
-
-@pytest.mark.slow
-def test_rosservice_stops_and_resets(arm: Arm) -> None:
-    listed = arm.world.run("rosservice", "list").out.split()
-    names = ("stop", "reset", "enable", "go_to/home", "teach/start", "teach/stop", "teach/play")
-    assert {arm.service(name) for name in names} <= set(listed)
-    out = arm.world.run("rosservice", "call", arm.service("stop")).out
-    assert "success: True" in out
-    assert "all joints confirmed" in out
-    out = arm.world.run("rosservice", "call", arm.service("enable"), "true").out
-    assert "success: False" in out
-    assert "reset" in out
-    assert "success: True" in arm.world.run("rosservice", "call", arm.service("reset")).out
-
-
-@pytest.mark.slow
-def test_rosbag_plays_a_recorded_motion_back(arm: Arm, tmp_path: Path) -> None:
-    world, bag = arm.world, tmp_path / "motion.bag"
-    home, away = {"J1": -0.2, "J6": 0.0}, {"J1": 0.2, "J6": 0.2}
-    arm.moves("home", home, 1.0)
-    record = world.start("rosbag", "record", "-O", str(bag), "/command", "/joint_states")
-    points = [
-        {"t": 1.0, "positions": list(away.values())},
-        # It stays there for longer than the machine stalls.
-        {"t": 1.8, "positions": list(away.values())},
-        {"t": 2.3, "positions": [0.0, 0.2]},
-    ]
-    # All states: it is away for a short time.
-    states, others = "/joint_states", "/played/joint_states"
-    world.client.watch(topic=states, kind="sensor_msgs/JointState")
-    arm.client.command(topic="/command", names=list(away), points=points, listeners=2)
-    ended = {"J1": 0.0, "J6": 0.2}
-
-    def was_away(topic: str) -> bool:
-        return any(near(away, place) for place in world.client.seen_positions(topic=topic))
-
-    until(lambda: was_away(states), "it was there", arm.node.report)
-    until(lambda: near(ended, arm.board.positions), "it is at the end", arm.node.report)
-    world.client.unwatch(topic=states)
-    record.end()
-    info = world.run("rosbag", "info", str(bag)).out
-    assert "trajectory_msgs/JointTrajectory" in info
-    assert "sensor_msgs/JointState" in info
-    # Another arm, whose node never heard of the first.
-    port = world.folder / "played"
-    world.board(port)
-    node = world.node(
-        "__ns:=played",
-        # A busy machine stalls longer than the usual 1 s.
-        *(f"_port:={port}", "_enable_on_start:=true", "_allow_partial_joints_goal:=true", "_watchdog:=10.0"),
-    )
-    other = Arm(world, node, "/played/")
-    other.moves("home", home, 1.0)
-    world.client.watch(topic=others, kind="sensor_msgs/JointState")
-    play = world.start(
-        "rosbag", "play", "--quiet", "-d", "1", str(bag), "--topics", "/command", "/command:=/played/command"
-    )
-
-    def is_there() -> bool:
-        return was_away(others) and near(ended, other.position())
-
-    until(is_there, "it has made the same motion", lambda: f"{play.report()}{node.report()}")
-    play.kill_all()
-    world.client.unwatch(topic=others)
-    assert node.end() == 0
 
 
 @pytest.mark.slow
@@ -168,14 +91,6 @@ def _pose(links: dict[str, Any], tip: str) -> Pose:
 
 
 @pytest.mark.slow
-def test_rosnode_finds_the_node(arm: Arm) -> None:
-    assert "/hardware_interface" in arm.world.run("rosnode", "list").out.split()
-    info = arm.world.run("rosnode", "info", "/hardware_interface").out
-    assert f"Pid: {arm.node.process.pid}" in info
-    assert "/joint_states [sensor_msgs/JointState]" in info
-
-
-@pytest.mark.slow
 def test_roslaunch_brings_up_an_emulated_arm(world: World) -> None:
     launch = world.start(
         *("roslaunch", "hexwire", "hardware.launch", "sim:=true", "sim_options:=--baud 0", "__ns:=launched"),
@@ -191,10 +106,3 @@ def test_roslaunch_brings_up_an_emulated_arm(world: World) -> None:
     transforms = world.client.collect(topic="/tf", kind="tf2_msgs/TFMessage")[0]["transforms"]
     assert "base" in {transform["header"]["frame_id"] for transform in transforms}
     launch.kill_all()
-
-
-@pytest.mark.slow
-def test_rosparam_shows_the_parameters(arm: Arm) -> None:
-    out = arm.world.run("rosparam", "get", "/hardware_interface").out
-    assert "/ipc_msg.conf" in out
-    assert "goal_time: 3.0" in out

@@ -12,11 +12,7 @@ from pathlib import Path
 import pytest
 from tests.ros2.node_world import Arm, PtyBoard, World, made
 
-POSES = {"J1": -0.087, "J2": 0.96, "J3": -0.044, "J4": 0.0, "J5": 0.0, "J6": 0.0}
 _NUMBERS = itertools.count()
-COMMAND_TIMEOUT = 1.5
-PAUSE = COMMAND_TIMEOUT + 1.0
-"""Seconds after which set-points begin anew, however the machine shifts the last ones and the first."""
 SETTINGS = (
     *("-p", "enable_on_start:=true"),
     *("-p", "allow_partial_joints_goal:=true"),
@@ -25,7 +21,7 @@ SETTINGS = (
     # A busy machine stalls longer than the usual 1 s.
     *("-p", "watchdog:=4.0"),
     # Nor is a program that it lets wait for the usual 0.5 s one that has ended.
-    *("-p", f"command_timeout:={COMMAND_TIMEOUT}"),
+    *("-p", "command_timeout:=1.5"),
     *("-p", "constraints.goal_time:=3.0"),
     *("-p", "constraints.stopped_velocity_tolerance:=0.2"),
 )
@@ -40,26 +36,8 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
 @pytest.fixture(scope="module")
 def shared_arm(world: World) -> Iterator[Arm]:
     board = PtyBoard(world.folder / "shared")
-    poses = [word for joint, angle in POSES.items() for word in ("-p", f"poses.home.{joint}:={angle}")]
-    # As the chapter's node gets its port; other tests give the device.
-    conf = world.folder / "ipc_msg.conf"
-    conf.write_text(f"ARM_7BOT_SERIAL_TRX CLIENT_TRX ARM_7BOT_ARDUINO_TRX IPC_SERIAL_PORT {board.port}\n")
     try:
-        node = world.node(
-            *(
-                "-p",
-                f"port:={conf}",
-                "-p",
-                "log_positions:=true",
-                "-p",
-                "pose_speed:=1.0",
-                "-p",
-                "hardware_id:=arm-7",
-            ),
-            *("-p", f"teach_directory:={world.folder / 'taught'}", "-p", "publish_tf:=true"),
-            *SETTINGS,
-            *poses,
-        )
+        node = world.node("-p", f"port:={board.port}", *SETTINGS)
         arm = Arm(world, node, board)
         yield arm
         assert node.end() == 0

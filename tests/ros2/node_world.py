@@ -7,17 +7,16 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import sys
 import threading
-import time
 import uuid
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 from tests.link.far_ends import free_port
-from tests.ros1.ros_world import PATIENCE, Program, PtyBoard, near, still, until
+from tests.ros1.ros_world import Program, Programs, PtyBoard, near, still
+from tests.waits import PATIENCE, until
 from zenoh_ros2_tests.router import Router
 
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
@@ -30,7 +29,6 @@ from zenoh_ros2.zenoh_session import ZenohSettings
 __all__ = [
     "ABORTED",
     "ACTION",
-    "CANCELED",
     "CONTROLLER",
     "JOINTS",
     "NODE",
@@ -43,7 +41,6 @@ __all__ = [
     "made",
     "near",
     "still",
-    "until",
 ]
 
 T = TypeVar("T")
@@ -51,11 +48,11 @@ NODE = (sys.executable, "-m", "tests.patient_node", "ros2")
 JOINTS = HEX7BOT.names
 CONTROLLER = "joint_trajectory_controller"
 ACTION = "control_msgs/action/FollowJointTrajectory"
-SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
+SUCCEEDED, ABORTED = 4, 6
 """States of a goal."""
 
 
-class World:
+class World(Programs):
     """A router on a free loopback port.
 
     Args:
@@ -64,24 +61,15 @@ class World:
     """
 
     def __init__(self, folder: Path, *, routed: bool = True) -> None:
-        self.folder = folder
         self._router = Router() if routed else None
         self.endpoint = self._router.endpoint if self._router else f"tcp/127.0.0.1:{free_port()}"
-        self._programs: list[Program] = []
         self._peers: list[Peer] = []
-        kept = {k: v for k, v in os.environ.items() if not k.startswith(("ROS_", "HEXWIRE_", "PYTHON", "ZENOH_"))}
-        self.env = {
-            **kept,
+        env = {
             "ZENOH_CONFIG_OVERRIDE": f"connect/endpoints={json.dumps([self.endpoint])}",
             "PYTHONFAULTHANDLER": "1",
             "HOME": str(folder),
         }
-
-    def start(self, *command: str, **env: str) -> Program:
-        name = f"{len(self._programs):03}-{Path(command[0]).name}"
-        program = Program(command, {**self.env, **env}, self.folder, name)
-        self._programs.append(program)
-        return program
+        super().__init__(folder, env, ("ROS_", "HEXWIRE_", "PYTHON", "ZENOH_"))
 
     def node(self, *args: str, ready: bool = True, **env: str) -> Program:
         """The node under test; arguments are those after ``--ros-args``."""
@@ -105,17 +93,12 @@ class World:
         finally:
             for peer in self._peers[peers:]:
                 peer.close()
-            for program in reversed(self._programs[programs:]):
-                program.kill_all()
-
-    def report(self) -> str:
-        return "\n".join(program.report() for program in self._programs[-6:])
+            self.end_later_than(programs)
 
     def close(self) -> None:
         for peer in self._peers:
             peer.close()
-        for program in reversed(self._programs):
-            program.kill_all()
+        super().close()
         if self._router is not None:
             self._router.stop()
 
@@ -126,7 +109,6 @@ class Peer:
     def __init__(self, node: Node) -> None:
         self.node, self.types = node, node.types
         self.received: dict[str, list[Any]] = {}
-        self.sent: dict[str, list[int]] = {}
         self._clients: dict[str, Client] = {}
         self._publishers: dict[str, Publisher] = {}
         self._changed = threading.Condition()
@@ -139,12 +121,11 @@ class Peer:
         """Receive a topic from now on."""
         if topic in self.received:
             return
-        self.received[topic], self.sent[topic] = [], []
+        self.received[topic] = []
 
-        def take(message: Any, sent: int) -> None:
+        def take(message: Any, _: int) -> None:
             with self._changed:
                 self.received[topic].append(message)
-                self.sent[topic].append(sent)
                 self._changed.notify_all()
 
         self.node.subscribe(topic, type_name, take, qos)
@@ -258,12 +239,6 @@ class Arm:
             points=trajectory.points,
         )
 
-    def stream(self, topic: str, type_name: str, seconds: float, **fields: Any) -> None:
-        """Publish the same message at 50 Hz."""
-        for _ in range(round(seconds * 50)):
-            self.peer.publish(topic, type_name, **fields)
-            time.sleep(0.02)
-
     def diagnosed(self, part: str, level: int, text: str = "") -> Any:
         """Wait for a row of a level with a text in its message."""
 
@@ -290,11 +265,6 @@ class Goal:
 
     def _uuid(self) -> Any:
         return self._arm.peer.types.message("unique_identifier_msgs/msg/UUID")(uuid=self.id)
-
-    def cancel(self) -> int:
-        info = self._arm.peer.types.message("action_msgs/msg/GoalInfo")(goal_id=self._uuid())
-        answer = self._arm.peer.call(f"{self._at}/cancel_goal", "action_msgs/srv/CancelGoal", goal_info=info)
-        return int(answer.return_code)
 
     def result(self) -> tuple[int, int, str]:
         """Status, error code and text, once it has ended."""

@@ -19,6 +19,7 @@ from tests.ros2.front_bench import CONTROLLER, TICK, WALL, Front, Goal, running
 
 from hexwire.errors import DeviceError
 from hexwire.ros2.hardware_interface import NAME
+from zenoh_ros2.distributions import Distribution
 from zenoh_ros2.names import parse_remap
 from zenoh_ros2.node import NodeOptions
 from zenoh_ros2.qos import Reliability
@@ -118,11 +119,28 @@ def test_whoever_comes_late_gets_the_description() -> None:
         assert all(f'<joint name="{joint}"' in message.data for joint in NAMES)
         (fixed,) = front.topic("/tf_static").sent
         moving = front.newest("/tf")
+        assert front.topic("/tf_static").qos.latched
+        assert (front.topic("/tf").qos.latched, front.topic("/tf").qos.depth) == (False, 100)
         frames = {each.child_frame_id for each in [*fixed.transforms, *moving.transforms]}
         assert len(frames) == message.data.count("<joint name=")
     with running(robot_description="<robot name='mine'/>") as front:
         assert front.topic("/robot_description").sent[0].data == "<robot name='mine'/>"
         assert "/tf" not in front.node.publishers
+    with running(robot="sevenbot") as front:
+        assert "/robot_description" not in front.node.publishers, "it has no geometry"
+        assert front.newest("/joint_states").name
+
+
+@pytest.mark.parametrize("distribution", list(Distribution), ids=lambda each: each.value)
+def test_messages_are_those_of_the_distribution(distribution: Distribution) -> None:
+    with running(distribution=distribution.value, allow_partial_joints_goal=True) as front:
+        front.enable()
+        assert Goal(front, (0.5, aside(front, 0.1))).result() == (4, 0, "")
+        state = front.newest(f"{AT}/controller_state")
+        assert hasattr(state, "desired") == (distribution is Distribution.HUMBLE)
+        feedback = front.topic(f"{ACTION}/feedback").sent[-1].feedback
+        old = distribution in (Distribution.HUMBLE, Distribution.JAZZY)
+        assert hasattr(feedback, "index") != old
 
 
 def test_diagnostics_name_the_node_and_the_arm(front: Front) -> None:
@@ -619,3 +637,27 @@ def test_servo_lost_during_a_move_stops_the_arm_and_is_left_out(front: Front) ->
     assert front.diagnosed("J1 (servo 0)").level == 2
     assert front.diagnosed("J2 (servo 1)").level == 0
     assert not Goal(front, (1.0, {"J2": front.where("J2")})).accepted
+
+
+def test_unplugged_during_a_move_and_plugged_in_again(front: Front) -> None:
+    target = aside(front, 0.6)
+    goal = Goal(front, (6.0, target))
+    front.turn(1.0)
+    front.link.lost = True
+    status, _, text = goal.result()
+    assert status == 6
+    assert "unplugged" in text
+    link = front.diagnosed("link")
+    assert (link.level, link.message.partition(":")[0]) == (2, "not connected")
+    assert "cannot be reached" in front.refused("reset")
+    assert not Goal(front, (3.0, target)).accepted
+    front.link.lost = False
+    front.until(lambda: front.owner.connected)
+    assert tuple(front.newest("/joint_states").name) == NAMES, "by itself"
+    stood = front.still()
+    assert front.diagnosed("link").level == 0
+    assert not Goal(front, (3.0, target)).accepted
+    front.trigger("reset")
+    assert front.near(stood, 0.002)
+    front.enable()
+    assert Goal(front, (2.0, target)).result()[0] == 4

@@ -8,24 +8,18 @@ from __future__ import annotations
 import math
 import sys
 import threading
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.ros2.node_fixtures import arm, shared_arm, world
-from tests.ros2.node_world import ACTION, CONTROLLER, JOINTS, SUCCEEDED, Arm, Goal, near, still, until
-
-from zenoh_ros2.keys import data_key
-from zenoh_ros2.qos import ACTION_STATUS, DEFAULT, LATCHED
-from zenoh_ros2.zenoh_session import ZenohSettings
+from tests.ros2.node_world import CONTROLLER, Arm, near, still
+from tests.waits import until
 
 __all__ = ["arm", "shared_arm", "world"]
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 pytestmark = pytest.mark.system
-STATE, STRING = "sensor_msgs/msg/JointState", "std_msgs/msg/String"
-AT = f"/{CONTROLLER}/follow_joint_trajectory/_action"
 
 
 def aside(arm: Arm, angle: float = 0.2) -> float:
@@ -42,59 +36,6 @@ def test_the_example_moves_the_arm(arm: Arm) -> None:
     first, last = (float(line.split()[3]) for line in program.out.splitlines())
     assert (first, last) == (pytest.approx(before, abs=0.02), pytest.approx(before + 0.2, abs=0.03))
     until(lambda: near({"J1": before + 0.2}, arm.board.positions), "it is there", arm.node.report)
-
-
-def test_a_goal_is_reached_with_feedback_and_states_on_the_way(arm: Arm) -> None:
-    arm.peer.listen(f"{AT}/feedback", f"{ACTION}_FeedbackMessage")
-    arm.peer.listen(f"{AT}/status", "action_msgs/msg/GoalStatusArray", ACTION_STATUS)
-    target = {"J1": aside(arm, 0.3)}
-    goal = Goal(arm, (1.5, target))
-    assert goal.accepted
-    # The text may say how far off a joint came to rest.
-    assert goal.result()[:2] == (SUCCEEDED, 0)
-    until(lambda: near(target, arm.board.positions), "it is there", arm.node.report)
-    feedback = [m for m in arm.peer.received[f"{AT}/feedback"] if bytes(m.goal_id.uuid) == goal.id]
-    assert len(feedback) >= 5
-    assert all(math.isfinite(m.feedback.error.positions[0]) for m in feedback)
-
-    def states() -> list[int]:
-        found = []
-        for message in arm.peer.received[f"{AT}/status"]:
-            for row in message.status_list:
-                if bytes(row.goal_info.goal_id.uuid) == goal.id and row.status not in found[-1:]:
-                    found.append(row.status)
-        return found
-
-    until(lambda: states()[-1:] == [SUCCEEDED], "its end is published", arm.node.report)
-    assert states() == [2, SUCCEEDED]
-
-
-def test_joint_states_are_of_now_and_of_this_arm(arm: Arm) -> None:
-    messages = arm.peer.collect("/joint_states", STATE, 20)
-    stamps = [message.header.stamp.sec + message.header.stamp.nanosec * 1e-9 for message in messages]
-    assert stamps == sorted(set(stamps))
-    assert abs(stamps[-1] - time.time()) < 600.0
-    assert tuple(messages[-1].name) == JOINTS
-    assert near(arm.position(), arm.board.positions)
-    (message,) = arm.peer.collect("/robot_description", STRING, qos=LATCHED)
-    assert message.data.startswith("<?xml"), "whoever comes late gets it, too"
-
-
-def test_a_program_without_a_token_gets_what_is_published(arm: Arm) -> None:
-    session = ZenohSettings(connect=(arm.world.endpoint,)).open()
-    try:
-        for topic, kind in (
-            ("joint_states", STATE),
-            (f"{CONTROLLER}/controller_state", "control_msgs/msg/JointTrajectoryControllerState"),
-            ("tf", "tf2_msgs/msg/TFMessage"),
-        ):
-            message, received = arm.peer.types.message(kind), list[bytes]()
-            key = data_key(0, topic, message.dds_name, message.hash)
-            session.subscribe(key, DEFAULT, lambda payload, _, into=received: into.append(payload))  # type: ignore[misc]  # bound at once
-            until(lambda into=received: bool(into), f"a message of {topic}", arm.node.report)  # type: ignore[misc]  # likewise
-            message.parse(received[0])
-    finally:
-        session.close()
 
 
 def long_trajectories(arm: Arm, count: int, points: int) -> None:

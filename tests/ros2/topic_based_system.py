@@ -12,7 +12,8 @@ from collections.abc import Mapping
 from typing import Any, Protocol
 
 from tests.ros2.front_bench import Front
-from tests.ros2.node_world import Peer, until
+from tests.ros2.node_world import Peer
+from tests.waits import until
 
 from zenoh_ros2.qos import SENSOR_DATA, Qos
 

@@ -7,10 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from tests.ros2.node_world import Arm, Goal, PtyBoard, near, until
+from tests.ros2.node_world import Arm, Goal, PtyBoard, near
 from tests.ros2.node_world import made as made_world
 from tests.ros2.package.launch_stand_ins import described, stand_ins, text
 from tests.ros2.topic_based_system import OverZenoh, TopicBasedSystem
+from tests.waits import until
 
 from hexwire.ros2.package import make_package, package_name
 
