@@ -30,6 +30,7 @@ def test_joint_states_have_the_stamps_of_their_samples(arm: Arm) -> None:
     assert all(len(m["position"]) == len(m["velocity"]) == len(JOINTS) and not m["effort"] for m in messages)
     stamps = [message["header"]["stamp"] for message in messages]
     assert stamps == sorted(set(stamps))
+    assert -0.01 < time.time() - stamps[-1] < 30.0, "of now, and never of the future"
     # A busy machine makes gaps, never a shorter period: those that it leaves alone are the short ones.
     steps = sorted(later - earlier for earlier, later in pairwise(stamps))
     assert 1 / 140 < steps[len(steps) // 4] < 1 / 60
