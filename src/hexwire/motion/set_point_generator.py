@@ -27,7 +27,7 @@ from .safety import SafetyGuard, SafetyLimits, StopReason
 from .slowed import slow_down, start_on
 from .takeover import Takeover, take_over
 from .together import Together
-from .trajectory import Sample, Tail, Trajectory
+from .trajectory import Sample, Tail, Trajectory, Values
 
 if TYPE_CHECKING:
     from hexwire.model.control_law import ControlLaw, Laws
@@ -248,6 +248,13 @@ class SetPointGenerator:
             raise LimitError(f"{wrong}; wait for the end of the running motion, or move elsewhere first")
         return ((braked, 0.0), (plan, braked.duration))
 
+    def rest(self, names: tuple[str, ...], when: float) -> Sample:
+        """Where joints that brake come to rest; for others as `desired`, which see."""
+        if self.braking and self._chain[-1][0].names == names:
+            still = (0.0,) * len(names)
+            return Sample(self._chain[-1][0].goal, still, still)
+        return self.desired(names, when)
+
     def here(self, names: tuple[str, ...], when: float) -> Sample:
         """How joints move at a time; at rest on their stops they begin at their limits. Raises as `desired`."""
         here = self.desired(names, when)
@@ -255,13 +262,25 @@ class SetPointGenerator:
         return here._replace(position=tuple([inside[name] for name in names]))
 
     def _refuse_far(self, trajectory: Trajectory, here: Sample) -> None:
+        far = self._far(trajectory, here.position)
+        if far and any(here.velocity):
+            # It may have been planned from where the joints come to rest.
+            limits = joint_limits(self.arm, trajectory.names)
+            far = self._far(trajectory, brake(trajectory.names, here, limits).goal) and far
+        if far:
+            name, gap = far[0]
+            raise LimitError(
+                f"the trajectory starts {decimal(math.degrees(gap), 3)} deg from the position of {name}; "
+                "move there first"
+            )
+
+    def _far(self, trajectory: Trajectory, positions: Values) -> list[tuple[str, float]]:
+        """Joints that are too far from the start of a trajectory, and how far, radians."""
         seconds = max(min(_ASIDE, trajectory.duration), _INSTANT)
-        for name, a, b in zip(trajectory.names, here.position, trajectory.start, strict=True):
-            if not PEAK_SPEED * abs(b - a) <= self._jump * self.arm.joint(name).max_speed * seconds:
-                gap = math.degrees(abs(b - a))
-                raise LimitError(
-                    f"the trajectory starts {decimal(gap, 3)} deg from the position of {name}; move there first"
-                )
+        gaps = [abs(b - a) for a, b in zip(positions, trajectory.start, strict=True)]
+        most = [self._jump * self.arm.joint(name).max_speed * seconds for name in trajectory.names]
+        rows = zip(trajectory.names, gaps, most, strict=True)
+        return [(name, gap) for name, gap, least in rows if not PEAK_SPEED * gap <= least]
 
     def _wrong(
         self, plan: Trajectory, allowed: Callable[[Trajectory, Mapping[str, float]], str] | None = None

@@ -198,11 +198,23 @@ class TrajectoryController:
         Raises:
             GoalError: The arm is stopped, or the position of a joint is unknown.
         """
+        return self._planned(self.generator.desired, delay, state, now)
+
+    def rest(self, state: JointState, now: float) -> Sample:
+        """Desired state at the start of a motion that is planned now and begins at some later time.
+
+        For joints that brake it is where they come to rest: however long the planning takes, they are there by
+        then, or on their way there. Raises as `start`.
+        """
+        return self._planned(self.generator.rest, 0.0, state, now)
+
+    def _planned(
+        self, where: Callable[[tuple[str, ...], float], Sample], delay: float, state: JointState, now: float
+    ) -> Sample:
         self._refuse_if_stopped()
         self.generator.observe(state)
         try:
-            begins = max(now + delay, self.generator.next_start(now))
-            return self.generator.desired(self.joints, begins)
+            return where(self.joints, max(now + delay, self.generator.next_start(now)))
         except HexwireError as error:
             raise GoalError(str(error), reason=Reason.NOT_READY) from None
 
@@ -559,7 +571,8 @@ class TrajectoryController:
             with suppress(GoalError):
                 return plan.end(start)
         trajectory = plan.trajectory(start, begins)
-        if not streamed:
+        # One that keeps its planned start was checked from there, and what leads to it is checked as it is made.
+        if not streamed and not plan.goal.start:
             self._check.bridge(trajectory, others, meanwhile, late=plan.late(begins) > 0.0)
         return trajectory
 

@@ -64,6 +64,7 @@ class Plan:
         # Index of each joint in the goal, None if the goal omits it.
         self._picks = [places.get(name) for name in joints]
         self._partial = None in self._picks
+        self._start = Waypoint(0.0, self._row(goal.start)) if goal.start else None
         self._points = tuple(
             Waypoint(
                 point.time,
@@ -96,8 +97,8 @@ class Plan:
         """The remaining trajectory at a time.
 
         Points that are due or past are dropped. A bridge leads from `start` to the first remaining point in the
-        remaining time; it begins with the velocity and acceleration of `start` if that point has its own. Joints
-        that the goal omits stay where they are.
+        remaining time; it begins with the velocity and acceleration of `start` if that point has its own. A goal
+        that knows where it begins keeps that, at rest. Joints that the goal omits stay where they are.
 
         Args:
             start: State of the joints at that time, in the order of the trajectory; unknown velocities and
@@ -133,6 +134,10 @@ class Plan:
             self._check_there(start.position, first.position)
             begin = Waypoint(0.0, first.position, first.velocity, first.acceleration)
             return Spline(self._joints, (begin, *left[1:]), checked=True)
+        if self._start is not None:
+            begin = self._filled(self._start, start)
+            rest = None if first.velocity is None else (0.0,) * len(self._joints)
+            return Spline(self._joints, (Waypoint(0.0, begin.position, rest), *left), checked=True)
         velocity = None if first.velocity is None else self._moving(start.velocity)
         acceleration = None if first.acceleration is None else self._moving(start.acceleration)
         return Spline(self._joints, (Waypoint(0.0, start.position, velocity, acceleration), *left), checked=True)

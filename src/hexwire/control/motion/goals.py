@@ -75,6 +75,9 @@ class TrajectoryGoal:
         early: Seconds before its start at which a robot that executes trajectories gets it, if it waits for that.
         gives_way: The joints press on something: they stand already, whatever was planned, and are relieved in the
             time of the points.
+        start: Where the joints were to be at the beginning when it was planned, in the order of the names; empty if
+            the way to its first point is free. Joints that have moved on since then join the path as they join one
+            while they move, since its first point may be too near for a way of its own. Not of one with a delay.
     """
 
     names: tuple[str, ...]
@@ -83,6 +86,7 @@ class TrajectoryGoal:
     free: tuple[str, ...] = ()
     early: float = 0.0
     gives_way: bool = False
+    start: tuple[float, ...] = ()
 
 
 class Component(IntEnum):

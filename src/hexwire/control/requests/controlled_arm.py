@@ -565,7 +565,7 @@ class ControlledArm:
                 if not any(name in goals for name in joints):
                     continue
                 controller.hold(why)
-                here = controller.start(0.0, state, now).position
+                here = controller.rest(state, now).position
                 there = [goals.get(name, angle) for name, angle in zip(joints, here, strict=True)]
                 paths[key] = approach(self.settings.model, joints, here, there, speed=self.settings.pose_speed)
         self.owner.group.deliver()

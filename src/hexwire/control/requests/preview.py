@@ -332,7 +332,7 @@ class Planner:
         return Tip.of(model, model.from_joints(positions))
 
     def _here(self, start: Mapping[str, float] | None = None) -> tuple[JointState, dict[str, float]]:
-        """The newest state, and where each joint will be, or is or was last sent; NaN if unknown."""
+        """The newest state, and where each joint comes to rest, or is or was last sent; NaN if unknown."""
         owner = self._arm.owner
         state = owner.newest()
         if start is not None:
@@ -342,7 +342,7 @@ class Planner:
             now = owner.now()
             for controller in self._arm.controllers.values():
                 try:
-                    begin = controller.start(0.0, state, now)
+                    begin = controller.rest(state, now)
                 except GoalError:
                     # Stopped, or a position is unknown: then the motion begins where the joints are.
                     continue
@@ -404,7 +404,9 @@ def goal_of(path: Trajectory, joints: Sequence[str]) -> TrajectoryGoal:
     else:
         rows = sampled(path, _STEP, _MOST_POINTS)
     points = [Point(t, tuple(s.position[i] for i in places), tuple(s.velocity[i] for i in places)) for t, s in rows]
-    return TrajectoryGoal(tuple(joints), tuple(points))
+    # A single point is reached from anywhere; the first of many may be too near for that.
+    start = tuple([path.start[i] for i in places]) if len(points) > 1 else ()
+    return TrajectoryGoal(tuple(joints), tuple(points), start=start)
 
 
 def _share(speed: float) -> float:

@@ -1,0 +1,120 @@
+"""A motion that begins later than it was planned, while the joints still brake: planning may take long."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from tests.control.arm_bench import POSES
+from tests.control.test_motion_run import RunBench
+from tests.motion.arms import HOME
+
+from hexwire.control.loop.outcomes import Outcome
+from hexwire.control.requests.preview import Preview
+from hexwire.model.arms.hex7bot.joints import HEX7BOT
+from hexwire.motion.teach import Taught
+
+J1 = HOME["J1"]
+SPEED = HEX7BOT.joint("J1").max_speed
+SECONDS = 1.3
+TIMES = tuple(i / 50 * SECONDS for i in range(51))
+SWING = Taught(("J1",), TIMES, tuple((J1 + 0.5 * (1.0 - math.cos(math.tau * t / SECONDS)),) for t in TIMES))
+"""J1 turns by 57 degrees and back, at nearly its greatest speed."""
+
+STRAIGHT = {"what": "place", "position": [0.0, 0.0, 0.03], "relative": True, "straight": True}
+
+
+def planning(bench: RunBench, monkeypatch: pytest.MonkeyPatch, meanwhile: Callable[[], object]) -> None:
+    """From now on something happens between the plan of a motion and its beginning."""
+    plan = bench.motions.plan
+
+    def late(*args: Any, **options: Any) -> Preview:
+        found = plan(*args, **options)
+        meanwhile()
+        return found
+
+    monkeypatch.setattr(bench.motions, "plan", late)
+
+
+def fastest(bench: RunBench, since: float) -> float:
+    """The greatest speed of J1 since a time, radians per second; over 20 ms, since its places are counts."""
+    model, i = HEX7BOT.joint("J1"), HEX7BOT.index("J1")
+    rows = [(t, model.counts_to_angle(shafts[i])) for t, shafts in bench.bench.track if t >= since]
+    speeds = [0.0]
+    begin = rows[0]
+    for t, angle in rows:
+        if t - begin[0] >= 0.02:
+            speeds.append(abs(angle - begin[1]) / (t - begin[0]))
+            begin = t, angle
+    return max(speeds)
+
+
+@pytest.mark.parametrize("host_timed", [False, True])
+@pytest.mark.parametrize("args", [{"what": "play"}, STRAIGHT])
+def test_a_paused_motion_goes_on_although_its_plan_takes_long(
+    monkeypatch: pytest.MonkeyPatch, args: dict[str, Any], *, host_timed: bool
+) -> None:
+    bench = RunBench(host_timed=host_timed)
+    first = bench.begin({"what": "play"}, taught=SWING)
+    bench.turn(first.progress().lead_in + SECONDS / 4)
+    first.end("paused")
+    planning(bench, monkeypatch, lambda: bench.turn(0.06))
+    began = bench.clock.time
+    again = bench.begin(args, taught=SWING if args["what"] == "play" else None)
+    bench.until(again)
+    assert again.progress().outcome is Outcome.SUCCEEDED, again.progress().text
+    if args["what"] == "play":
+        assert bench.where("J1") == pytest.approx(J1, abs=0.02)
+    assert fastest(bench, began) < 1.1 * SPEED
+
+
+@pytest.mark.parametrize("host_timed", [False, True])
+def test_a_motion_begins_after_a_stall_of_the_loop(monkeypatch: pytest.MonkeyPatch, *, host_timed: bool) -> None:
+    """The loop neither reads nor sends while the motion is planned; its clock goes on, and so does the board."""
+    bench = RunBench(host_timed=host_timed)
+    first = bench.begin({"what": "play"}, taught=SWING)
+    bench.turn(first.progress().lead_in + SECONDS / 4)
+    first.end("paused")
+    planning(bench, monkeypatch, lambda: bench.clock.sleep(0.3))
+    began = bench.clock.time
+    again = bench.begin({"what": "play"}, taught=SWING)
+    bench.until(again)
+    assert again.progress().outcome is Outcome.SUCCEEDED, again.progress().text
+    assert fastest(bench, began) < 1.1 * SPEED
+
+
+@pytest.mark.parametrize("host_timed", [False, True])
+def test_a_motion_is_planned_during_a_stall_of_the_loop(*, host_timed: bool) -> None:
+    """By its clock the brake is over, but the joints stand where the last target has led them."""
+    bench = RunBench(host_timed=host_timed)
+    first = bench.begin({"what": "play"}, taught=SWING)
+    bench.turn(first.progress().lead_in + SECONDS / 4)
+    first.end("paused")
+    bench.clock.sleep(0.3)
+    began = bench.clock.time
+    again = bench.begin({"what": "play"}, taught=SWING)
+    bench.until(again)
+    assert again.progress().outcome is Outcome.SUCCEEDED, again.progress().text
+    assert fastest(bench, began) < 1.1 * SPEED
+
+
+@pytest.mark.parametrize("host_timed", [False, True])
+def test_a_pose_of_another_front_is_reached_although_its_check_takes_long(
+    monkeypatch: pytest.MonkeyPatch, *, host_timed: bool
+) -> None:
+    bench = RunBench(host_timed=host_timed, poses=POSES)
+    controller = bench.bench.controller
+    first = bench.begin({"what": "play"}, taught=SWING)
+    bench.turn(first.progress().lead_in + SECONDS / 4)
+    check = controller.check_path
+
+    def late(*args: Any, **options: Any) -> None:
+        check(*args, **options)
+        bench.clock.sleep(0.3)
+
+    monkeypatch.setattr(controller, "check_path", late)
+    began = bench.clock.time
+    assert bench.bench.ask(lambda: bench.bench.arm.go_to("side")) == "at side"
+    assert fastest(bench, began) < 1.1 * SPEED
