@@ -88,6 +88,8 @@ type Find = <E extends Element = HTMLElement>(root: ParentNode, selector: string
 
 /** What is shown beside the arm. */
 type Way = "drive" | "teach" | "program" | "leader";
+/** A part of Jog and go. */
+type Part = "joints" | "space" | "grip" | "goto" | "poses";
 
 type Args = { joints: JointRange[] } & Partial<ArmValues>;
 

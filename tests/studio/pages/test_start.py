@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 from tests.studio.running import expect
 
+from hexwire.drivers.board_reset import RESET_WARNING
 from hexwire.studio.plugged import Plugged
 
 if TYPE_CHECKING:
@@ -50,6 +51,24 @@ def test_a_port_is_shown_with_its_obstacle_and_an_arm_is_opened(
         assert served.studio.source.mode == "none"
     finally:
         served.studio.source.close()
+        served.studio.fleet.rest()
+        served.studio.access.end_all()
+
+
+def test_that_a_port_may_reset_its_board_is_said_once(
+    served: RunningStudio, blank: Page, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    advice = f"{RESET_WARNING}; set the latency timer"
+    rows = [Plugged(f"/dev/ttyUSB{i}", "CH340", ("hex7bot",), "", advice) for i in range(2)]
+    monkeypatch.setattr("hexwire.studio.plugged.find_plugged", lambda: rows)
+    monkeypatch.setattr(served.studio, "plugged", rows)
+    try:
+        blank.goto(served.operate_url)
+        row = blank.get_by_role("row", name="/dev/ttyUSB0")
+        expect(row).to_contain_text("can be opened; keep clear, see below")
+        expect(row).to_contain_text("Set the latency timer")
+        expect(blank.get_by_text("drives the arm to its middle pose")).to_have_count(1)
+    finally:
         served.studio.fleet.rest()
         served.studio.access.end_all()
 

@@ -16,6 +16,9 @@ const MORE = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 };
 const IDLE_KEYS = new Set(["Home", "End", "PageUp", "PageDown"]);
 const GIMBAL = 1e-9;
 const WAYS = { drive: "Jog and go", teach: "Teach and play", program: "Program", leader: "Leader arm" };
+// Of Jog and go: on a phone one at a time, so that none is far down.
+/** @type {Record<Part, string>} */
+const PARTS = { joints: "Joints", space: "Space", grip: "Gripper", goto: "Go to", poses: "Poses" };
 // Not in the first picture.
 /** @type {Partial<Record<Way, () => Promise<(page: ArmPage, root: HTMLElement) => void>>>} */
 const LATER = {
@@ -26,6 +29,8 @@ const LATER = {
 
 /** @type {{ of: number, name: Way }} */
 let way = { of: -1, name: "drive" }; // what is shown beside the arm: it stays when the page is left
+/** @type {Part} */
+let part = "joints"; // and which part of it on a phone
 
 export const degrees = (/** @type {number} */ value) => (value * 180) / Math.PI;
 export const radians = (/** @type {number} */ value) => (value * Math.PI) / 180;
@@ -143,6 +148,7 @@ function draw(element, args, opened) {
   });
   page.get(".arm-right").prepend(ways.row);
   ways.show(way.of === opened ? way.name : "drive");
+  mountParts(page);
   page.on("need", () => {
     if (!page.mine) return;
     jog ||= import("./arm_jog.js").then(({ mountJog }) => root.isConnected && mountJog(page));
@@ -224,6 +230,22 @@ export function makePage(root, args, opened) {
     else if (document.hidden) page.hidden += 1;
   });
   return page;
+}
+
+/**
+ * The parts of Jog and go as tabs, where they are shown one at a time.
+ * @param {ArmPage} page
+ */
+function mountParts(page) {
+  const panel = page.get("#arm-drive"), parts = all(panel, "[data-part]");
+  const there = Object.fromEntries(parts.map(({ dataset }) => [dataset.part, PARTS[/** @type {Part} */ (dataset.part)]]));
+  const choice = tabs("Parts of Jog and go", /** @type {typeof PARTS} */ (there), (name) => {
+    part = name;
+    for (const one of parts) one.classList.toggle("arm-other", one.dataset.part !== name);
+  });
+  choice.row.classList.add("arm-parts");
+  panel.prepend(choice.row);
+  choice.show(part in there ? part : "joints");
 }
 
 /** @param {ArmPage} page */
@@ -657,14 +679,15 @@ function viewMarkup(geometry, space, emulated) {
     <span id="arm-run-text" role="status">No motion</span>
     <button class="hw-button" id="arm-run-end" type="button" disabled>End motion</button>
   </div>
-  ${emulated && html`<p class="arm-note">${emulated}</p>`}
-</section>`;
+</section>
+${emulated && html`<p class="arm-note arm-emulated">${emulated}</p>`}`;
 }
 
 /** @param {JointRange[]} joints */
 export function jointsMarkup(joints) {
-  return html`<section class="arm-part arm-joints-part" aria-labelledby="arm-joints-title">
-  <h2 id="arm-joints-title">Joints</h2>
+  return html`<section class="arm-part" data-part="joints" aria-labelledby="arm-joints-title">
+  <div class="arm-head"><h2 id="arm-joints-title">Joints</h2>
+    <p class="arm-note">Hold − or +, drag a marker, or hold an arrow key on it.</p></div>
   <table class="arm-joints">
     <thead><tr>
       <th scope="col">Joint</th><th scope="col">Jog and drag</th>
@@ -674,8 +697,6 @@ export function jointsMarkup(joints) {
     </tr></thead>
     <tbody>${joints.map(jointMarkup)}</tbody>
   </table>
-  <p class="arm-note">A joint moves while its marker is dragged or an arrow key is held on its slider; its buttons move it
-  while they are pressed, or by a step for each click.</p>
 </section>`;
 }
 
@@ -717,9 +738,8 @@ function spaceMarkup() {
   const group = (what, words, first) => html`<div class="arm-axes" role="group" aria-label="${words}">
     <span class="arm-axes-name">${words}</span>${["x", "y", "z"].map((axis, i) => html`<span class="arm-axis arm-axis-${axis}">
       ${press(first + i, -1, `${words} ${what} ${axis}`)}<span>${axis}</span>${press(first + i, 1, `${words} ${what} ${axis}`)}</span>`)}</div>`;
-  return html`<section class="arm-part" aria-labelledby="arm-space-title">
-  <h2 id="arm-space-title">Jog in space</h2>
+  return html`<section class="arm-part" data-part="space" aria-labelledby="arm-space-title">
+  <div class="arm-head"><h2 id="arm-space-title">Jog in space</h2><p class="arm-note">Along and about the axes of the base.</p></div>
   <div class="arm-space">${group("along", "Move", 0)}${group("about", "Turn", 3)}</div>
-  <p class="arm-note">Along and about the axes of the base.</p>
 </section>`;
 }

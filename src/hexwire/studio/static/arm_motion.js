@@ -424,18 +424,19 @@ const numberField = (name, words, unit) => html`<label class="arm-field"><span>$
 export function gotoMarkup(joints, space) {
   /** @type {(value: string, words: string, checked: boolean) => object} */
   const kind = (value, words, checked) => html`<label><input type="radio" name="what" value="${value}" ${checked && "checked"}> ${words}</label>`;
-  return html`<section class="arm-part" aria-labelledby="arm-goto-title">
-  <h2 id="arm-goto-title">Go to</h2>
+  return html`<section class="arm-part" data-part="goto" aria-labelledby="arm-goto-title">
   <form id="arm-goto" class="arm-form" autocomplete="off">
-    <div class="arm-choices" role="radiogroup" aria-label="Kind of goal">
-      ${space && kind("place", "Place of the tip", true)}${kind("joints", "Joint angles", !space)}</div>
+    <div class="arm-head"><h2 id="arm-goto-title">Go to</h2><div class="arm-choices" role="radiogroup" aria-label="Kind of goal">
+      ${space && kind("place", "Place of the tip", true)}${kind("joints", "Joint angles", !space)}</div></div>
     ${space && placeMarkup(space === 5)}
     <div class="arm-fields" data-for="joints" ${space && "hidden"}>${joints.map(({ name }) => numberField(`joint:${name}`, name, "°"))}</div>
-    <p class="arm-plan" id="arm-plan" role="status">These are the present values. Change one to see a preview.</p>
-    <div class="hw-row">
-      <button class="hw-button arm-primary arm-need arm-whole" type="submit" id="arm-go">Go</button>
-      <button class="hw-button" type="button" id="arm-here">Take present values</button>
-      <button class="hw-button" type="button" id="arm-unghost" hidden>Hide preview</button>
+    <div class="arm-going">
+      <p class="arm-plan" id="arm-plan" role="status">These are the present values. Change one to see a preview.</p>
+      <div class="hw-row">
+        <button class="hw-button arm-primary arm-need arm-whole" type="submit" id="arm-go">Go</button>
+        <button class="hw-button" type="button" id="arm-here">Take present values</button>
+        <button class="hw-button" type="button" id="arm-unghost" hidden>Hide preview</button>
+      </div>
     </div>
   </form>
   <p class="arm-note">A motion runs while this page is in sight. It ends with STOP, Escape or End motion, and when
@@ -447,10 +448,12 @@ export function gotoMarkup(joints, space) {
 function placeMarkup(five) {
   const turns = five ? ["Pitch", "Roll"] : ["Roll", "Pitch", "Yaw"];
   return html`<div data-for="place" class="arm-form">
-    <div class="arm-fields">${["x", "y", "z"].map((axis) => numberField(axis, axis, "mm"))}</div>
-    <div class="arm-choices">
-      <label><input type="checkbox" name="relative"> from the present tip</label>
-      <label><input type="checkbox" name="straight"> on a straight line</label>
+    <div class="hw-row">
+      <div class="arm-fields arm-three">${["x", "y", "z"].map((axis) => numberField(axis, axis, "mm"))}</div>
+      <div class="arm-choices">
+        <label><input type="checkbox" name="relative"> from the present tip</label>
+        <label><input type="checkbox" name="straight"> on a straight line</label>
+      </div>
     </div>
     <div class="hw-row">
       <label class="arm-field arm-long"><span>The tool</span><select name="aim">
@@ -458,10 +461,10 @@ function placeMarkup(five) {
         <option value="down">points straight down</option>
         ${five ? html`<option value="pitch">has a pitch and a roll</option>` : html`<option value="rpy">has roll, pitch and yaw</option>`}
       </select></label>
+      <div class="arm-fields arm-three" data-aim="${five ? "pitch" : "rpy"}" hidden>${turns.map((words) => numberField(words.toLowerCase(), words, "°"))}</div>
       <label class="arm-field arm-long" id="arm-branch-field" hidden><span>Solution</span>
         <select name="branch"><option value="">nearest</option></select></label>
     </div>
-    <div class="arm-fields" data-aim="${five ? "pitch" : "rpy"}" hidden>${turns.map((words) => numberField(words.toLowerCase(), words, "°"))}</div>
   </div>`;
 }
 
@@ -470,7 +473,7 @@ function placeMarkup(five) {
  * @param {unknown} gripper
  */
 export function posesMarkup(gripper) {
-  return html`<section class="arm-part" aria-labelledby="arm-poses-title">
+  return html`<section class="arm-part" data-part="poses" aria-labelledby="arm-poses-title">
   <h2 id="arm-poses-title">Poses</h2>
   <ul class="arm-poses" id="arm-poses" aria-label="Saved poses"></ul>
   <form id="arm-pose-form" class="hw-row" autocomplete="off">
@@ -483,17 +486,15 @@ export function posesMarkup(gripper) {
 }
 
 export function gripperMarkup() {
-  return html`<section class="arm-part" aria-labelledby="arm-grip-title">
-  <h2 id="arm-grip-title">Gripper</h2>
+  return html`<section class="arm-part" data-part="grip" aria-labelledby="arm-grip-title">
+  <div class="arm-head"><h2 id="arm-grip-title">Gripper</h2>
+    <meter id="arm-grip-bar" min="0" max="1" value="0" aria-label="Opening"></meter><output id="arm-grip-value">–</output></div>
   <form id="arm-grip" class="hw-row" autocomplete="off">
-    <span class="arm-grip-now"><meter id="arm-grip-bar" min="0" max="1" value="0" aria-label="Opening"></meter>
-      <output id="arm-grip-value">–</output></span>
     <button class="hw-button arm-need" type="button" data-share="0">Close</button>
     <button class="hw-button arm-need" type="button" data-share="1">Open</button>
-    <label class="arm-field arm-inline"><span>Opening <span class="arm-unit">%</span></span>
-      <input type="number" inputmode="decimal" name="share" min="0" max="100" step="any" value="50"></label>
+    <label class="arm-inline"><input type="number" inputmode="decimal" name="share" min="0" max="100" step="any" value="50" aria-label="Opening, percent"> %</label>
     <button class="hw-button arm-need" type="submit">Set</button>
   </form>
-  <p class="arm-note">Closing stops at an object and keeps a little pressure on it.</p>
+  <p class="arm-note">Closing stops at an object and holds it gently.</p>
 </section>`;
 }

@@ -1,7 +1,7 @@
 // The page Arms: the stop of all arms, what is plugged in, what it probably is, and opening it; below, all arms. Owns its
 // tables and the form; the server finds the ports, and opens them.
 
-import hexwire, { required } from "./live.js";
+import hexwire, { capital, required } from "./live.js";
 import { mountFleet } from "./fleet.js";
 import { go } from "./studio.js";
 import { fill, html, loadSheet, whyOf, within } from "./widgets.js";
@@ -18,7 +18,8 @@ export async function mount(element, { operates }) {
   fill(element, html`<section class="hw-fleet-bar" aria-label="Stop"></section>
     <div class="hw-arms-head"><div class="hw-present"></div>
     <p>A new arm, or one that was never calibrated? <a href="/first">First run</a> takes you from its cable to its first motion,
-      one step at a time.</p></div><div id="hw-ports"></div><div id="hw-emulated"></div>
+      one step at a time.</p></div><div id="hw-ports"></div>
+    <p class="hw-dim" id="hw-warning"></p>
     <form class="hw-row" autocomplete="off">
       <div class="hw-field hw-choice"><label for="hw-url">Port or address</label>
         <input id="hw-url" name="url" placeholder="zenoh:lab/arm1" maxlength="200"></div>
@@ -26,7 +27,7 @@ export async function mount(element, { operates }) {
         <select id="hw-robot" name="robot"><option value=""></option></select></div>
       ${operates && html`<button class="hw-button" type="submit" aria-label="Open this address">Open</button>`}
     </form>
-    <p class="hw-dim" id="hw-warning"></p>
+    <div id="hw-emulated"></div>
     <section class="hw-fleet" aria-labelledby="hw-shared"><h2 id="hw-shared">All arms, here and shared</h2><div></div></section>`);
   mountFleet(required(element, ".hw-fleet-bar"), required(element, ".hw-fleet > div"), { tab: hexwire.key, operates });
   const present = required(element, ".hw-present"), ports = required(element, "#hw-ports"), form = required(element, "form");
@@ -107,14 +108,20 @@ const opener = (/** @type {Port} */ { device }) => html`<button class="hw-button
  * @param {Ports} known
  * @param {boolean} operates
  */
-function table(rows, { robots, default: usual }, operates) {
+function table(rows, { robots, default: usual, warning }, operates) {
+  // Said once, below, for what is typed there too.
+  const condition = (/** @type {Port} */ { obstacle, advice }) => {
+    const resets = operates && !obstacle && advice.startsWith(warning);
+    const words = obstacle || `can be opened${resets ? "; keep clear, see below" : ""}`;
+    return html`<div class="${obstacle && "hw-bad"}">${words}</div><div class="hw-dim">${resets ? capital(advice.slice(warning.length).replace("; ", "")) : advice}</div>`;
+  };
   const choice = (/** @type {Port} */ row) => html`<select aria-label="Robot on ${row.device}">${
     [...new Set([...row.robots, usual, ...robots])].map((name) => html`<option>${name}</option>`)}</select>`;
   return html`<table class="hw-table hw-ports"><caption class="hw-caption">Plugged in</caption>
     <thead><tr><th scope="col">Port</th><th scope="col">Probably</th><th scope="col">State</th><th scope="col">Robot</th>
       <td></td></tr></thead>
     <tbody>${rows.map((row) => html`<tr><th scope="row" class="hw-code">${row.device}</th><td>${row.guess}</td>
-      <td><div class="${row.obstacle && "hw-bad"}">${row.obstacle || "can be opened"}</div><div class="hw-dim">${row.advice}</div></td>
+      <td>${condition(row)}</td>
       <td>${choice(row)}</td><td>${operates && opener(row)}</td></tr>`)}</tbody></table>`;
 }
 
