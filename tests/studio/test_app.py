@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -12,7 +14,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from tests.studio.running import PATIENCE, until
 
+from hexwire.control.loop.outcomes import Outcome
 from hexwire.control.loop.power import Stopped
+from hexwire.control.motion.motion_run import RunProgress
 from hexwire.errors import LeaseError
 from hexwire.studio.access import Access, Right
 from hexwire.studio.app import Studio
@@ -31,6 +35,24 @@ def test_a_watcher_cannot_take_control_but_stops_the_arm(studio: RunningStudio) 
         studio.studio.take(tab)
     studio.studio.stop(tab.name)
     studio.until(lambda: studio.arm.owner.group.reason is not None, "the stop")
+
+
+def test_the_end_of_a_motion_is_told_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may end in another thread while its beginning is being told."""
+    studio = Studio(Access(frozenset()), tmp_path)
+    told: list[dict[str, Any]] = []
+    waiting: list[Callable[[], object]] = []
+    monkeypatch.setattr(studio, "soon", waiting.append)
+    monkeypatch.setattr(studio.live, "_tell", lambda message, key: told.append(message))
+    progress = RunProgress("a motion")
+    arm: Any = SimpleNamespace(motions=SimpleNamespace(progress=progress))
+    studio._tell_run(arm)
+    arm.motions.progress = replace(progress, outcome=Outcome.SUCCEEDED)
+    studio._tell_run(arm)
+    for tell in reversed(waiting):
+        tell()
+    studio.close()
+    assert [row["outcome"] for row in told] == [Outcome.SUCCEEDED] * 2
 
 
 def test_only_the_arm_of_the_demo_is_told_apart(studio: RunningStudio) -> None:

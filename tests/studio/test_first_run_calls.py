@@ -34,7 +34,9 @@ class Desk:
         self.first, self.source = self.studio.first, self.studio.source
         self.tab = self.studio.tabs.open("session", Right.OPERATE)
         self.told: list[dict[str, Any]] = []
-        self.studio.live.tell = lambda message, tab=None: self.told.append(message)  # type: ignore[method-assign]
+        self.studio.live.tell = lambda message, tab=None: self.told.append(  # type: ignore[method-assign]
+            message() if callable(message) else message
+        )
 
     def begin(self, kind: str = "so101", tab: Tab | None = None) -> None:
         self.first.begin(tab or self.tab, f"sim://{kind}?name=first{next(_names)}", kind)

@@ -437,6 +437,12 @@ class Studio:
 
     # -- motions to a goal ----------------------------------------------------------------------------------
 
+    def running(self) -> dict[str, object] | None:
+        """How far the motion to a goal is, for JSON; None if there is none."""
+        arm = self.source.arm
+        progress = None if arm is None else arm.motions.progress
+        return None if progress is None or progress.outcome is not None else {"kind": "run", **asdict(progress)}
+
     def _begin_run(self, tab: Tab, entry: HeldMotion, args: Mapping[str, object], arrived: Token) -> None:
         """Begin a motion to a goal for a tab, and tell all tabs how far it is."""
         arm = self.source.need_arm()
@@ -447,7 +453,8 @@ class Studio:
     def _tell_run(self, arm: ArmSource) -> None:
         progress = arm.motions.progress
         if progress is not None:
-            self.live.tell({"kind": "run", **asdict(progress)})
+            # A motion may end in another thread before its beginning is told.
+            self.live.tell(lambda: {"kind": "run", **asdict(arm.motions.progress or progress)})
 
     # -- life -----------------------------------------------------------------------------------------------
 

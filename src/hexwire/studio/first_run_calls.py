@@ -77,7 +77,7 @@ class FirstRuns:
         run = self._present
         if run is None:
             return {"kind": "first"}
-        told, present = run.told, self._source.present
+        told, present, measuring = run.told, self._source.present, self._measuring
         url = "" if present is None else str(present.facts()["url"])
         return {
             "kind": "first",
@@ -93,15 +93,15 @@ class FirstRuns:
             "joint": told.joint,
             "joints": list(run.model.names),
             "rows": list(told.rows),
-            "measuring": self._measuring is not None,
-            "middle": self._measuring is not None and self._measuring.hand.needs_middle,
-            "endless": list(self._measuring.hand.endless) if self._measuring is not None else [],
+            "measuring": measuring is not None,
+            "middle": measuring is not None and measuring.hand.needs_middle,
+            "endless": [] if measuring is None else list(measuring.hand.endless),
             "measured": None if run.measured is None else calibration_values(run.measured),
             "undo": run.former is not None,
         }
 
     def _tell(self) -> None:
-        self._studio.live.tell(self.values())
+        self._studio.live.tell(self.values)
 
     @property
     def _present(self) -> FirstRun | None:

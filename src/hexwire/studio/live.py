@@ -128,6 +128,9 @@ class Desk(Protocol):
     def model(self) -> dict[str, object]:
         """The joints of what is open, for JSON."""
 
+    def running(self) -> dict[str, object] | None:
+        """How far the motion to a goal is, for JSON; None if there is none."""
+
     async def call(self, tab: Tab, name: str, args: Mapping[str, object], opened: int | None = None) -> object:
         """Do what a page asks for by name."""
 
@@ -265,9 +268,15 @@ class Live:
             for socket in self._sockets:
                 socket.put(text)
 
-    def tell(self, message: dict[str, Any], tab_key: str | None = None) -> None:
-        """Send a message to one tab, or to all. Any thread may call this."""
-        self._studio.soon(lambda: self._tell(message, tab_key))
+    def tell(self, message: dict[str, Any] | Callable[[], dict[str, Any]], tab_key: str | None = None) -> None:
+        """Send a message to one tab, or to all. Any thread may call this.
+
+        Args:
+            message: The message; or for what several threads tell, a function that returns what is true when it is
+                sent: what one of them knew before must not come last.
+            tab_key: Of the tab; None for all.
+        """
+        self._studio.soon(lambda: self._tell(message if isinstance(message, dict) else message(), tab_key))
 
     def _tell(self, message: dict[str, Any], tab_key: str | None) -> None:
         for socket in self._sockets:
@@ -301,14 +310,16 @@ class Live:
         while (old := next((each for each in self._sockets if each.tab is tab), None)) is not None:
             old.replaced.set()
             await old.over.wait()
-        # Both before it counts: if one fails, nothing would tell the next socket of this page that it is over.
-        model, facts = studio.model(), studio.facts()
+        # All before it counts: if one fails, nothing would tell the next socket of this page that it is over.
+        model, facts, run = studio.model(), studio.facts(), studio.running()
         tab.live = True
         socket = _Socket(websocket, tab, studio.access.limits.patience)
         self._sockets.add(socket)
         self._opened.set()
         socket.put({"kind": "hello", "tab": tab.name, "right": int(tab.right), **model})
         socket.put({"kind": "facts", **facts})
+        if run is not None:
+            socket.put(run)
         if self._leader:
             socket.put(self._leader)
         sender = asyncio.create_task(socket.send_all())

@@ -166,6 +166,7 @@ function draw(element, args, opened) {
 export function makePage(root, args, opened) {
   /** @type {PageListeners} */
   const listeners = { draw: [], facts: [], speed: [], taught: [], need: [], way: [], run: [], elapsed: [] };
+  let asked = 0; // what was taught
   /** @type {ArmPage} */
   const page = {
     root,
@@ -191,8 +192,10 @@ export function makePage(root, args, opened) {
     call: (name, values = {}) => hexwire.call(name, values, opened).catch((error) => ({ error: whyOf(error) })),
     /** Show what was taught, or that it is being taught. */
     async tellTaught() {
+      const mine = (asked += 1);
       const told = await page.call("arm.taught");
-      if (!isRefused(told)) page.tell("taught", told);
+      // An older answer may come after a newer one.
+      if (mine === asked && !isRefused(told)) page.tell("taught", told);
     },
     /** Begin a motion that lasts while this page is in sight; resolves with why it ended. */
     run(values) {

@@ -60,6 +60,7 @@ export function mountSteps(page) {
     busy = true;
     // The one that waits longest; others may come meanwhile.
     for (const [key, far] of waiting) {
+      if (!page.root.isConnected) break; // nobody sees the page from which it was asked for
       waiting.delete(key);
       clicks = 0;
       if (Math.abs(far) < 1e-9) continue; // there and back

@@ -281,6 +281,15 @@ export function mountPoses(page) {
   const grips = form.querySelector('input[name="gripper"]');
   const gripper = () => !(grips instanceof HTMLInputElement) || grips.checked;
   const note = page.get("#arm-pose-note");
+  /** @type {Promise<unknown>} */
+  let turn = Promise.resolve(); // one after the other: each answer has the list as it is then
+  let looks = 0; // what was to be shown before something else was wanted is not shown any more
+  /** @type {<T>(ask: () => Promise<T>) => Promise<T>} */
+  const inTurn = (ask) => {
+    const answer = turn.then(ask);
+    turn = answer;
+    return answer;
+  };
   const say = (/** @type {string} */ text, level = "") => {
     note.textContent = text;
     note.dataset.level = level;
@@ -292,8 +301,9 @@ export function mountPoses(page) {
    * @param {string} done what is said then
    */
   const change = async (name, values, done) => {
+    looks += 1;
     /** @type {Pose[] | Refused} */
-    const answer = await page.call(name, values);
+    const answer = await inTurn(() => page.call(name, values));
     if (isRefused(answer)) {
       say(capital(answer.error), "error");
       return false;
@@ -303,6 +313,7 @@ export function mountPoses(page) {
     return true;
   };
   const go = (/** @type {string} */ name) => {
+    looks += 1;
     page.run({ what: "pose", name }).then((why) => {
       page.ghost(null);
       if (why === "arrived") say(`At ${name}.`);
@@ -310,7 +321,9 @@ export function mountPoses(page) {
     });
   };
   const preview = async (/** @type {string} */ name) => {
+    const mine = (looks += 1);
     const plan = await page.call("arm.preview", { motion: { what: "pose", name, speed: page.speed } });
+    if (mine !== looks) return;
     page.get("#arm-unghost").hidden = isRefused(plan);
     if (isRefused(plan)) return say(capital(plan.error), "error");
     if (plan.known) page.ghost(plan.goal, plan.trace);
@@ -369,7 +382,7 @@ export function mountPoses(page) {
     list.replaceChildren(...rows);
   };
   const refresh = async () => {
-    const answer = await page.call("arm.poses");
+    const answer = await inTurn(() => page.call("arm.poses"));
     if (isRefused(answer)) say(capital(answer.error), "error");
     else show(answer);
   };

@@ -20,6 +20,8 @@ export class Picture {
   timer = 0;
   /** @type {Record<string, number>} */
   pose = {};
+  /** @type {Promise<void>} */
+  loaded = Promise.resolve();
 
   /**
    * @param {HTMLElement} place
@@ -38,12 +40,23 @@ export class Picture {
   }
 
   /**
-   * Show an arm; `which` tells two of one kind apart.
+   * Show an arm; `which` tells two of one kind apart. Resolves when it is there to be marked.
    * @param {string} robot
+   * @returns {Promise<void>}
    */
-  async show(robot, which = robot) {
-    if (!robot || which === this.shown) return;
-    this.shown = which;
+  show(robot, which = robot) {
+    if (robot && which !== this.shown) {
+      this.shown = which;
+      this.loaded = this.load(robot, which);
+    }
+    return this.loaded;
+  }
+
+  /**
+   * @param {string} robot
+   * @param {string} which
+   */
+  async load(robot, which) {
     const geometry = await hexwire.call("first.shape", { robot }).catch(() => null);
     if (which !== this.shown || !this.place.isConnected) return;
     this.view?.dispose();

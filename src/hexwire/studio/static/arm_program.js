@@ -48,6 +48,8 @@ export function mountProgram(page, root) {
   let poses = [];
   /** @type {Map<Step, HTMLElement>} */
   const shown = new Map(); // the row of each step
+  let opening = 0; // files that were asked for
+  let checks = 0; // what was found out about steps that are others now is not shown
 
   const list = node("ol", { class: "arm-steps", "aria-label": "Steps" });
   const note = node("p", { class: "arm-note", role: "status" });
@@ -91,20 +93,23 @@ export function mountProgram(page, root) {
     files.replaceChildren(...names.map((one) => node("option", { value: one, selected: one === draft.saved }, one)));
   };
   async function open() {
-    const rows = files.value ? await ask("arm.program", { name: files.value }) : null;
-    if (!rows) return;
+    const wanted = files.value, mine = (opening += 1);
+    const rows = wanted ? await ask("arm.program", { name: wanted }) : null;
+    if (!rows || mine !== opening) return;
     steps = draft.steps = rows;
-    draft.saved = draft.name = name.value = files.value;
+    // Not what is chosen by now: it would be saved as that.
+    draft.saved = draft.name = name.value = wanted;
     changed();
-    say(`${files.value}: ${steps.length} steps.`);
+    say(`${wanted}: ${steps.length} steps.`);
   }
   async function save() {
-    const force = name.value === draft.saved;
-    const names = whole() ? await ask("arm.save_program", { name: name.value, steps, force }) : null;
+    const called = name.value, force = called === draft.saved;
+    const names = whole() ? await ask("arm.save_program", { name: called, steps, force }) : null;
     if (!names) return;
-    draft.saved = name.value;
+    // Not what is typed by now: a file of that name would be replaced without a question.
+    draft.saved = called;
     listed(names);
-    say(`Saved: hexwire play "${name.value}.toml" in the folder of recordings runs it, too.`);
+    say(`Saved: hexwire play "${called}.toml" in the folder of recordings runs it, too.`);
   }
   async function remove() {
     const gone = files.value;
@@ -130,6 +135,7 @@ export function mountProgram(page, root) {
   /** A value of a step is another one; its row stays, and with it where somebody types. */
   function edited() {
     finish("the program was changed");
+    checks += 1;
     draft.past = [...draft.past.slice(-BACK), before];
     before = JSON.stringify(steps);
     undone.disabled = false;
@@ -148,6 +154,7 @@ export function mountProgram(page, root) {
     const last = draft.past.pop();
     if (last === undefined) return;
     finish("the program was changed");
+    checks += 1;
     steps = draft.steps = JSON.parse((before = last));
     draw();
     if (undone.disabled) kind.focus();
@@ -255,8 +262,9 @@ export function mountProgram(page, root) {
   }
   /** @param {number} first */
   async function check(first) {
+    const mine = (checks += 1);
     const told = whole() ? await ask("arm.check_program", { steps, first: first + 1 }) : null;
-    if (!told) return false;
+    if (!told || mine !== checks) return false;
     const refused = told.find(({ refusal }) => refusal);
     if (refused) {
       mark(refused.number, "error");

@@ -53,17 +53,19 @@ export function mountTeach(page, root) {
   page.on("facts", need);
   page.on("need", need);
   page.on("draw", () => {
-    if (!teaching) return;
+    // What was refused stays in sight.
+    if (!teaching || note.dataset.level === "error") return;
     const words = `Teaching for ${((performance.now() - began) / 1000).toFixed(0)} s: move the arm by hand.`;
     if (note.textContent !== words) say(words, "warn");
   });
   hand.addEventListener("change", need);
   const teach = async (/** @type {boolean} */ on) => {
     const answer = await page.call("arm.teach", { on });
-    if (!on) teaching = false;
     if (isRefused(answer)) say(capital(answer.error), "error");
-    else say(capital(answer));
-    if (!on) hand.checked = false;
+    else {
+      if (!on) teaching = hand.checked = false;
+      say(capital(answer));
+    }
     await page.tellTaught();
     need();
   };
@@ -109,6 +111,7 @@ function mountTimeline(page, root) {
   let refused = false; // what is refused cannot be begun, until something is changed
   let timer = 0;
   let asked = 0;
+  let lists = 0; // of recordings that were asked for
 
   /** @type {(words: string, act: () => unknown, more?: Record<string, string | boolean>) => HTMLButtonElement} */
   const button = (words, act, more = {}) => node("button", { class: "hw-button", type: "button", onclick: act, ...more }, words);
@@ -343,9 +346,10 @@ function mountTimeline(page, root) {
   source.addEventListener("pointerdown", () => refresh());
   page.on("speed", () => taught && soon());
   async function refresh() {
+    const mine = (lists += 1);
     const told = await page.call("arm.recordings");
     // A list that changes while it is open would close.
-    if (root.isConnected && !isRefused(told) && String(told) !== String(names)) list(told);
+    if (mine === lists && root.isConnected && !isRefused(told) && String(told) !== String(names)) list(told);
   }
 
   async function preview() {
@@ -456,6 +460,7 @@ function mountTimeline(page, root) {
     kept.dataset.level = isRefused(told) ? "error" : "";
     kept.textContent = isRefused(told) ? capital(told.error) : `Saved ${file}: on the page Recordings, for programs and hexwire play.`;
     if (isRefused(told)) return;
+    lists += 1;
     list(told);
     if (there && file === source.value) load(true);
   });

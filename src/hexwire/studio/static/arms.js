@@ -64,7 +64,8 @@ export async function mount(element, { operates }) {
    * @param {string} robot
    */
   async function openAddress(url, robot) {
-    if ((await hexwire.act("open", { url, robot })) !== undefined) go("/move");
+    // A port takes its time: whoever is on another page by then stays there.
+    if ((await hexwire.act("open", { url, robot })) !== undefined && element.isConnected) go("/move");
   }
 
   element.addEventListener("click", async (event) => {

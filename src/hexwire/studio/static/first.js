@@ -29,7 +29,10 @@ export async function mount(element, { operates }) {
         <p class="fr-missing" role="status"></p></section>
     </div>`);
   const page = new Page(element, operates);
-  hexwire.onFirst((told) => page.draw(told), element);
+  hexwire.onFirst((told) => {
+    page.heard += 1;
+    page.draw(told);
+  }, element);
   let opened = -1;
   hexwire.onFacts((facts) => {
     page.mark(facts);
@@ -52,6 +55,7 @@ class Page {
   /** @type {First | null} */
   told = null;
   drawn = "";
+  heard = 0; // how often the studio has told of the run by itself
   shownOnce = false;
   /** @type {HTMLSelectElement | null} */
   robots = null;
@@ -79,7 +83,9 @@ class Page {
   }
 
   look() {
-    hexwire.call("first.look").then((told) => this.element.isConnected && this.draw(told), () => {});
+    const before = this.heard;
+    // What was told meanwhile is newer than the answer may be.
+    hexwire.call("first.look").then((told) => this.element.isConnected && before === this.heard && this.draw(told), () => {});
   }
 
   /** @param {Facts} facts */
@@ -182,9 +188,11 @@ class Page {
    */
   async begin(pressed, args) {
     pressed.disabled = true;
-    put(this.why, "Opening it, and asking what answers …");
+    const words = "Opening it, and asking what answers …";
+    put(this.why, words);
     await hexwire.act("first.begin", args);
-    put(this.why, "");
+    // The next step may be there already, with what it needs.
+    if (this.why.textContent === words) put(this.why, "");
     pressed.disabled = false;
   }
 

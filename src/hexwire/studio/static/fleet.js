@@ -1,7 +1,7 @@
 // The part of the page Arms about all arms: what is open here and all shared arms that the studio may see, and their stop.
 // Owns the table; the server decides who may stop and open, and says what has become of a stop.
 
-import hexwire from "./live.js";
+import hexwire, { all } from "./live.js";
 import { ask, withQuery } from "./columns.js";
 import { go } from "./studio.js";
 import { node, put, whyOf } from "./widgets.js";
@@ -163,16 +163,18 @@ class FleetPage {
   /** @param {string | null} name null: of all arms */
   async stop(name, own = false) {
     const told = name || "all arms";
-    this.results.replaceChildren(node("li", {}, `Stopping ${told} ...`));
+    // What another stop has come to may still be on its way: it has a place of its own.
+    const mine = node("li", { "data-under-way": true }, `Stopping ${told} ...`);
+    this.results.replaceChildren(mine, ...all(this.results, "[data-under-way]"));
     try {
       const done = await this.askStop(own ? { own: "1" } : name ? { name } : { all: "1" });
       if (!done.length) throw new Error("it is not open any more");
-      this.results.replaceChildren(...done.map((row) => {
+      mine.replaceWith(...done.map((row) => {
         const more = row.confirmed ? "" : ". Switch its power off if it may move.";
         return node("li", { "data-level": row.confirmed ? "ok" : "error" }, row.line + more);
       }));
     } catch (error) {
-      this.results.replaceChildren(node("li", { "data-level": "error" }, `${told}: NOT CONFIRMED: ${whyOf(error)}`));
+      mine.replaceWith(node("li", { "data-level": "error" }, `${told}: NOT CONFIRMED: ${whyOf(error)}`));
     }
     this.poll();
   }
@@ -186,7 +188,7 @@ class FleetPage {
     this.refusal.hidden = true;
     try {
       await hexwire.call("fleet.open", { name });
-      go("/move");
+      if (this.root.isConnected) go("/move");
     } catch (error) {
       put(this.refusal, `${name} is not open here: ${whyOf(error)}`);
       this.refusal.hidden = false;

@@ -41,6 +41,8 @@ let hadControl = false;
 let leaving = false; // it was given back here
 /** @type {LeaderTold | null} */
 let leader = null; // what was said last
+/** @type {{ told: Run, at: number } | null} */
+let run = null; // the motion that goes on, and when that was said
 let heard = -Infinity; // when the studio said something last
 
 /** @type {Hexwire} */
@@ -84,7 +86,11 @@ const hexwire = {
     return end;
   },
   onNews: listener("news"),
-  onRun: listener("run"),
+  onRun: (call, element) => {
+    const end = listener("run")(call, element);
+    if (run) call({ ...run.told, elapsed: run.told.elapsed + (performance.now() - run.at) / 1000 });
+    return end;
+  },
   onLink: listener("link"),
   onServos: listener("servos"),
   onWave: listener("wave"),
@@ -213,6 +219,7 @@ function receive(message) {
   if (message.kind === "hello") {
     hexwire.model = message;
     hexwire.frame = null; // that of another arm counts other stops
+    run = null;
     hexwire.tab = message.tab || hexwire.tab;
     tell("hello", message);
   } else if (message.kind === "facts") {
@@ -229,6 +236,7 @@ function receive(message) {
     stopConfirmed = performance.now();
   } else if (message.kind !== "held" && message.kind in listeners) {
     if (message.kind === "leader") leader = message;
+    if (message.kind === "run") run = message.outcome ? null : { told: message, at: performance.now() };
     tell(message.kind, message);
   }
 }

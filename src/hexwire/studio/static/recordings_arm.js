@@ -45,6 +45,7 @@ export function makeFigure(place) {
       place.hidden = false;
       state.view = new Arm3D(place, geometry, { theme: "auto" });
     } catch {
+      if (round !== state.round) return;
       place.hidden = true;
     }
     draw();

@@ -17,7 +17,7 @@ const LOOK = 250; // ms between two looks at the twin
  * @typedef {{
  *   entry: Recording | undefined, list: RecordingList | null, times: Float64Array | null, names: string[], on: "" | "twin" | "arm",
  *   poll: number, drawn: number, points: [number, Map<string, number>][], run: Run | null, began?: number, part: PlayedPart | null,
- *   fits: number | null
+ *   fits: number | null, of: Recording | undefined, turn: number
  * }} PlayState
  */
 
@@ -30,7 +30,7 @@ const LOOK = 250; // ms between two looks at the twin
  */
 export function makePlayer(page, place, view, shown, moved) {
   /** @type {PlayState} */
-  const state = { entry: undefined, list: null, times: null, names: [], on: "", poll: 0, drawn: 0, points: [], run: null, part: null, fits: null };
+  const state = { entry: undefined, list: null, times: null, names: [], on: "", poll: 0, drawn: 0, points: [], run: null, part: null, fits: null, of: undefined, turn: 0 };
   /** @type {(label: string, value: string, min: string, max: string, step: string) => [HTMLLabelElement, HTMLInputElement]} */
   const number = (label, value, min, max, step) => {
     const box = node("input", { type: "number", class: "rc-number", value, min, max, step });
@@ -118,7 +118,7 @@ export function makePlayer(page, place, view, shown, moved) {
    */
   function prepare(on, text) {
     const wanted = part();
-    Object.assign(state, { on, began: undefined, run: null, points: [], part: wanted });
+    Object.assign(state, { on, began: undefined, run: null, points: [], part: wanted, of: state.entry });
     offer(null);
     said.textContent = text;
     said.dataset.level = "";
@@ -159,6 +159,7 @@ export function makePlayer(page, place, view, shown, moved) {
 
   function follow() {
     clearInterval(state.poll);
+    if (!state.on) state.of = state.entry; // begun elsewhere
     state.on = "twin";
     let after = -1e18, looking = false;
     state.poll = setInterval(async () => {
@@ -192,16 +193,34 @@ export function makePlayer(page, place, view, shown, moved) {
   async function playArm() {
     if (!state.entry) return;
     const motion = { what: "play", recording: state.entry.name, topic: view.topic, ...prepare("arm", "checking …") };
+    const why = attend();
     const plan = await page.act("arm.preview", { motion });
     if (!plan) { finish(page.state.refusal, true); return; }
+    const ended = why();
+    if (ended) { finish(ended, false); return; }
     if (plan.refusal || plan.unready) {
       finish(plan.refusal || plan.unready, true);
       offer(plan.fits);
       return;
     }
     said.textContent = `${plan.lead_in.toFixed(1)} s to the start, then ${(plan.duration - plan.lead_in).toFixed(1)} s`;
-    const why = await hexwire.hold("run", motion, { attended: true });
-    finish(why === "arrived" ? "arrived" : why, why !== "arrived" && why !== "released");
+    const over = await hexwire.hold("run", motion, { attended: true });
+    finish(over, over !== "arrived" && over !== "released");
+  }
+
+  /** From now on, why a motion that is still being checked is not to begin; empty if it may. */
+  function attend() {
+    const mine = (state.turn += 1), stops = () => hexwire.frame?.stops ?? hexwire.facts?.stops ?? 0, before = stops();
+    let hidden = false;
+    const hides = () => (hidden ||= document.hidden);
+    document.addEventListener("visibilitychange", hides);
+    return () => {
+      document.removeEventListener("visibilitychange", hides);
+      if (!place.isConnected) return "its page was left";
+      if (hidden || document.hidden) return "the page was hidden";
+      if (mine !== state.turn) return "ended before it began";
+      return stops() === before ? "" : "stopped";
+    };
   }
 
   /**
@@ -215,8 +234,10 @@ export function makePlayer(page, place, view, shown, moved) {
   }
 
   function end() {
-    if (state.on === "arm") hexwire.release();
-    else page.act("recordings.end_twin");
+    if (state.on === "arm") {
+      state.turn += 1;
+      hexwire.release();
+    } else page.act("recordings.end_twin");
   }
 
   // -- what was measured ---------------------------------------------------------------------------------
@@ -236,7 +257,8 @@ export function makePlayer(page, place, view, shown, moved) {
    * @param {Map<string, number>} positions
    */
   function collect(elapsed, leadIn, positions) {
-    if (!state.part) return;
+    // Another recording may be shown by now.
+    if (!state.part || state.of?.name !== state.entry?.name) return;
     const at = state.part.begin + (elapsed - leadIn) * state.part.factor;
     moved(positions, at);
     if (at >= state.part.begin) state.points.push([at, positions]);
@@ -246,7 +268,7 @@ export function makePlayer(page, place, view, shown, moved) {
   /** Positions that were played, on the recording's times. */
   function played() {
     const { times, points, names } = state;
-    if (!times || !times.length || points.length < 2) return null;
+    if (!times || !times.length || points.length < 2 || state.of?.name !== state.entry?.name) return null;
     const found = new Map(names.filter((name) => points[0][1].has(name)).map((name) => [name, new Float32Array(times.length).fill(NaN)]));
     const last = Math.min(points[points.length - 1][0], state.part?.end ?? Infinity);
     let k = 0;

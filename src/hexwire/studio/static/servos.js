@@ -35,10 +35,12 @@ export async function mount(element, { operates }) {
     const now = `${facts.mode} ${facts.opened}`;
     if (now === shown) return;
     shown = now;
-    element.replaceChildren();
-    if (facts.mode === "bus") workbench(element, facts);
-    else if (facts.mode === "arm") board(element, facts);
-    else closed(element, facts, operates);
+    // A place of its own: what comes late about what was open before is drawn nowhere.
+    const place = node("div");
+    element.replaceChildren(place);
+    if (facts.mode === "bus") workbench(place, facts);
+    else if (facts.mode === "arm") board(place, facts);
+    else closed(place, facts, operates);
   }, element);
 }
 
@@ -199,9 +201,11 @@ function buildSearch(view, left) {
     view.redraw();
   }
 
+  let lists = 0;
   view.relist = async () => {
+    const mine = (lists += 1);
     const found = await view.act("servos.list");
-    if (!found) return;
+    if (!found || mine !== lists) return;
     view.found = found;
     const usable = found.servos.filter((one) => one.usable).map((one) => one.id);
     if (view.selected === null || !usable.includes(view.selected)) view.selected = usable[0] ?? null;

@@ -31,6 +31,7 @@ export function registers(view, place, servo) {
   const { joint } = view;
   /** @type {Register[]} */
   let rows = [];
+  let reads = 0;
   const shown = choice(FILTERS), find = node("input", { maxlength: 40 });
   const undo = button("Undo", takeBack), body = node("div");
   undo.hidden = true;
@@ -43,8 +44,10 @@ export function registers(view, place, servo) {
   }
 
   async function read() {
+    const mine = (reads += 1);
     const found = await (joint ? view.act("board.registers", { joint: joint.name }) : view.act("registers.read", { servo }));
-    if (!found) return;
+    // One that was read before something was written may come last.
+    if (!found || mine !== reads) return;
     rows = found.rows;
     undo.hidden = !found.undo;
     undo.title = found.undo;
@@ -190,6 +193,7 @@ export async function identity(view, place, servo) {
 /** @type {import("./servos_kit.js").Part} */
 export function backup(view, place, servo) {
   const list = node("div");
+  let looks = 0;
   const undo = button("Undo the restore", takeBack);
   undo.hidden = true;
   place.append(
@@ -231,8 +235,9 @@ export function backup(view, place, servo) {
   }
 
   async function show() {
+    const mine = (looks += 1);
     const found = await view.act(view.joint ? "board.differences" : "backup.differences");
-    if (!found) return;
+    if (!found || mine !== looks) return;
     if (!found.length) list.replaceChildren(hint("No backup was taken or loaded here."));
     else list.replaceChildren(...found.flatMap(one));
   }

@@ -202,8 +202,7 @@ class WirePage {
       this.source = page.id;
       this.since = 0;
       this.rate = { number: page.newest, time: performance.now(), value: 0 };
-      this.list.clear();
-      this.detail.clear();
+      this.clear();
       if (!first) return;
     }
     this.since = page.next;
@@ -246,7 +245,8 @@ class WirePage {
     const turn = (this.selecting = {});
     try {
       const data = await hexwire.call("wire.frame", { number });
-      if (this.selecting === turn) this.detail.show(data, this.offset);
+      if (this.selecting !== turn) return;
+      this.detail.show(data, this.offset);
       if (this.list.selected !== number) this.list.select(number, { quiet: true });
     } catch (error) {
       if (this.selecting === turn) this.detail.clear(whyOf(error));
@@ -273,6 +273,7 @@ class WirePage {
   }
 
   clear() {
+    this.selecting = null;
     this.list.clear();
     this.detail.clear();
   }
