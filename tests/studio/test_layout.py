@@ -186,6 +186,7 @@ def test_no_button_of_the_arm_moves_when_something_is_told(studio: RunningStudio
     ready(blank)
     shrink_views(blank)
     blank.locator("#hw-banner", has_text="take control").wait_for()
+    blank.locator("#arm-pose-note").wait_for(state="attached")
     for width in (1440, 820, 390):
         blank.set_viewport_size({"width": width, "height": 900})
         assert len(set(blank.evaluate(_TELL_OF_THE_ARM))) == 1, width

@@ -5,7 +5,7 @@ Owns what a tile shows, and that a camera is switched off when its tile is close
 is first pressed. */
 
 import hexwire, { all } from "./live.js";
-import { node, whyOf } from "./widgets.js";
+import { loadSheet, node, whyOf } from "./widgets.js";
 
 const MOST = 4; // tiles
 const SIZE = { width: { ideal: 640 }, height: { ideal: 480 }, frameRate: { ideal: 15, max: 30 } };
@@ -38,6 +38,7 @@ export function mountCameras(page, button) {
   const tiles = page.get("#arm-cameras");
   const add = async () => {
     button.disabled = true;
+    await loadSheet("/static/arm_ways.css");
     try {
       const there = (await hexwire.call("cameras")).map(({ name }) => STUDIO + name);
       if (tiles.children.length >= MOST) hexwire.say(`there are ${MOST} cameras already: close one`);
