@@ -1,7 +1,7 @@
 """Programs that others wrote for ROS 2 on Zenoh meet the node.
 
-zenoh-ros2-sdk, asyncio-for-robotics and ros2-pyterfaces each run once, in the environment `build/witnesses`, which
-`make test` makes; the tests look at what they saw.
+zenoh-ros2-sdk, asyncio-for-robotics and ros2-pyterfaces run in the environment `build/witnesses`, which `make test`
+makes. Each takes seconds to start, so one test looks at all that one has seen.
 """
 
 from __future__ import annotations
@@ -40,49 +40,34 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Arm, Path]]:
         yield Arm(me, port, node), folder
 
 
-@pytest.fixture(scope="module")
-def sdk(arm: tuple[Arm, Path]) -> dict[str, Any]:
-    arm[0].rest()
-    return run("zenoh_sdk.py", arm[1], str(arm[0].port), NODE, str(arm[1]))
-
-
-@pytest.fixture(scope="module")
-def afor(arm: tuple[Arm, Path]) -> dict[str, Any]:
-    return run("afor_pyterfaces.py", arm[1], NODE)
-
-
-# --- zenoh-ros2-sdk ---
-
-
-def test_the_sdk_lists_the_topics_with_their_types(sdk: dict[str, Any]) -> None:
-    assert sdk["topics"]["/joint_states"] == ["sensor_msgs/msg/JointState"]
-    assert sdk["topics"]["/joint_trajectory_controller/joint_trajectory"] == ["trajectory_msgs/msg/JointTrajectory"]
-    assert sdk["topics"]["/robot_description"] == ["std_msgs/msg/String"]
-    assert sdk["topics"]["/rosout"] == ["rcl_interfaces/msg/Log"]
-
-
-def test_the_sdk_lists_the_services_with_their_types(sdk: dict[str, Any]) -> None:
-    assert sdk["services"][f"{NODE}/reset"] == ["std_srvs/srv/Trigger"]
-    assert sdk["services"][f"{NODE}/list_parameters"] == ["rcl_interfaces/srv/ListParameters"]
-
-
-def test_the_sdk_knows_who_publishes(sdk: dict[str, Any]) -> None:
+def test_the_sdk_sees_reads_asks_and_moves_the_node(arm: tuple[Arm, Path]) -> None:
+    node, folder = arm
+    node.rest()
+    sdk = run("zenoh_sdk.py", folder, str(node.port), NODE, str(folder))
+    topics, services = sdk["topics"], sdk["services"]
+    assert topics["/joint_states"] == ["sensor_msgs/msg/JointState"]
+    assert topics["/joint_trajectory_controller/joint_trajectory"] == ["trajectory_msgs/msg/JointTrajectory"]
+    assert topics["/robot_description"] == ["std_msgs/msg/String"]
+    assert topics["/rosout"] == ["rcl_interfaces/msg/Log"]
+    assert services[f"{NODE}/reset"] == ["std_srvs/srv/Trigger"]
+    assert services[f"{NODE}/list_parameters"] == ["rcl_interfaces/srv/ListParameters"]
     assert [name.rpartition("/")[2] for name in sdk["publishers"]] == ["hardware_interface"]
-
-
-def test_the_sdk_hears_joint_states(sdk: dict[str, Any], arm: tuple[Arm, Path]) -> None:
-    assert sdk["joints"] == arm[0].names
+    assert sdk["joints"] == node.names
     assert len(sdk["positions"]) == len(sdk["joints"])
     assert sdk["stamps"] == sorted(set(sdk["stamps"]))
-
-
-def test_the_sdk_joins_late_and_gets_the_description(sdk: dict[str, Any]) -> None:
-    assert "<robot" in sdk["description"]
+    assert "<robot" in sdk["description"], "it joins late"
     assert sdk["description"].rstrip().endswith("</robot>")
-
-
-def test_the_sdk_drives_the_life_cycle(sdk: dict[str, Any]) -> None:
     assert sdk["lifecycle"] == ["active", True, "inactive", True, "active"]
+    assert sdk["trigger_hash"] == HASHES["std_srvs/srv/Trigger"]
+    assert sdk["reset"] is not None
+    assert sdk["reset"][0] is True
+    assert sdk["reached"] is True, "the target of a trajectory"
+    # rosbags reads the bag that it has made.
+    states, diagnostics = (sdk["bag"][topic] for topic in ("/joint_states", "/diagnostics"))
+    assert states["read"] == states["heard"] >= 3
+    assert states["names"] == node.names
+    assert diagnostics["read"] == diagnostics["heard"] >= 3
+    assert diagnostics["status"][0].startswith("hardware_interface: ")
 
 
 def test_the_sdk_makes_the_time_of_a_node(tmp_path: Path) -> None:
@@ -96,52 +81,20 @@ def test_the_sdk_makes_the_time_of_a_node(tmp_path: Path) -> None:
     assert stamps[-1] > stamps[0]
 
 
-def test_a_bag_of_the_topics_is_read_by_rosbags(sdk: dict[str, Any], arm: tuple[Arm, Path]) -> None:
-    states, diagnostics = (sdk["bag"][topic] for topic in ("/joint_states", "/diagnostics"))
-    assert states["read"] == states["heard"] >= 3
-    assert states["names"] == arm[0].names
-    assert diagnostics["read"] == diagnostics["heard"] >= 3
-    assert diagnostics["status"][0].startswith("hardware_interface: ")
-
-
-def test_the_sdk_calls_a_service(sdk: dict[str, Any]) -> None:
-    assert sdk["trigger_hash"] == HASHES["std_srvs/srv/Trigger"]
-    assert sdk["reset"] is not None
-    assert sdk["reset"][0] is True
-
-
-def test_a_trajectory_of_the_sdk_moves_the_arm(sdk: dict[str, Any]) -> None:
-    assert sdk["reached"] is True
-
-
-# --- asyncio-for-robotics and ros2-pyterfaces ---
-
-
-def test_pyterfaces_computes_the_hash_of_every_token_that_it_knows(afor: dict[str, Any]) -> None:
-    assert {name: told for name, (told, _) in afor["hashes"].items()} == {
-        name: theirs for name, (_, theirs) in afor["hashes"].items()
-    }
-    assert len(afor["hashes"]) >= 14
-
-
-def test_pyterfaces_agrees_with_the_literals_of_the_strict_client(afor: dict[str, Any]) -> None:
-    ours = {dds_name(name): text for name, text in HASHES.items()}
-    shared = ours.keys() & afor["hashes"].keys()
+def test_asyncio_for_robotics_and_pyterfaces_read_the_node_and_ask_it(arm: tuple[Arm, Path]) -> None:
+    node, folder = arm
+    afor = run("afor_pyterfaces.py", folder, NODE)
+    hashes = afor["hashes"]
+    assert {name: told for name, (told, _) in hashes.items()} == {name: own for name, (_, own) in hashes.items()}
+    assert len(hashes) >= 14
+    literals = {dds_name(name): text for name, text in HASHES.items()}
+    shared = literals.keys() & hashes.keys()
     assert len(shared) >= 14
-    assert {name: ours[name] for name in shared} == {name: afor["hashes"][name][1] for name in shared}
-
-
-@pytest.mark.parametrize("topic", ["/joint_states", "/diagnostics"])
-def test_messages_are_read_and_written_again_unchanged(afor: dict[str, Any], topic: str) -> None:
-    assert afor["understood"][topic]
-    assert all(afor["understood"][topic])
-
-
-def test_afor_hears_every_joint(afor: dict[str, Any], arm: tuple[Arm, Path]) -> None:
-    assert afor["joints"] == arm[0].names
-
-
-def test_requests_of_pyterfaces_are_answered(afor: dict[str, Any]) -> None:
+    assert {name: literals[name] for name in shared} == {name: hashes[name][1] for name in shared}
+    for topic in ("/joint_states", "/diagnostics"):
+        assert afor["understood"][topic], topic
+        assert all(afor["understood"][topic]), f"{topic} is read and written again unchanged"
+    assert afor["joints"] == node.names
     assert afor["reset"][0] is True
     assert {"port", "publish_rate"} <= set(afor["parameters"])
     assert afor["values"] == ["sim://hex7bot", 100.0]
