@@ -127,11 +127,11 @@ def test_the_twin_plays_a_part(client: Client) -> None:
     record(client.studio.recordings.library.folder, "a.mcap")
     client.do("twin", name="a.mcap", part={"begin": 1.0, "end": 2.0, "factor": 2.0})
     assert client.list()["twin"]["robot"] == "hex7bot"
-    assert "the twin is moving" in client.refusal("recordings.twin", name="a.mcap")
     until(lambda: not client.list()["twin"]["busy"], "the end")
     assert client.list()["twin"]["arrived"]
     # Slowly, so that it is not over before a busy machine stops it.
     client.do("twin", name="a.mcap", part={"factor": 0.1})
+    assert "the twin is moving" in client.refusal("recordings.twin", name="a.mcap")
     client.do("end_twin")
     assert client.list()["twin"]["ended"] == "stopped"
 
