@@ -137,14 +137,18 @@ OF_A_SERVER = (
 UNANSWERED = re.compile("not confirmed by|no answer|does not answer")
 
 
+STALLED = re.compile(r"warning: \S+: its states (have stopped arriving|arrive again)")
+
+
 def says(output: str) -> list[str]:
     """The lines of a command at a port as the same command says them at a server."""
     lines = []
     for line in plain(output):
         for text, other in OF_A_SERVER:
             line = re.sub(text, other, line)
-        # Of a board of dialect 1 only the server knows which joints have torque already.
-        if not line.startswith("torque on: "):
+        # Of a board of dialect 1 only the server knows which joints have torque already; and a busy machine may
+        # keep it from telling states for a while.
+        if not (line.startswith("torque on: ") or STALLED.match(line)):
             lines.append(line)
     return lines
 

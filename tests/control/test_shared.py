@@ -17,7 +17,7 @@ from tests.motion.arms import HOME
 from hexwire.control.sharing import shared as module
 from hexwire.control.sharing.lease import Lease
 from hexwire.drivers.values import StopMode
-from hexwire.errors import GoalError, HexwireError, LeaseError, LimitError, LinkLostError, StoppedError, UsageError
+from hexwire.errors import HexwireError, LeaseError, LimitError, LinkLostError, StoppedError, UsageError
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointTarget
 from hexwire.wire.command_frame import Command
@@ -340,7 +340,7 @@ def test_a_trajectory_whose_lease_is_lost_during_its_check_does_not_begin() -> N
         bench.clock.time += 1.0
 
     controller.check_path = slow  # type: ignore[method-assign]
-    with pytest.raises(GoalError):
+    with pytest.raises(LeaseError, match="the lease was lost"):
         bench.shared.follow(bench.order(key), "", order((5.0, {"J1": HOME["J1"] + AWAY})), None)
     assert not bench.owner.group.busy
     bench.turn(1.0)

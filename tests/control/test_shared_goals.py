@@ -11,11 +11,11 @@ from tests.control.arm_bench import order
 from tests.control.shared_bench import SharedBench
 from tests.motion.arms import HOME
 
-from hexwire.control.loop.outcomes import Outcome
+from hexwire.control.loop.outcomes import Outcome, Reason
 from hexwire.control.motion.goals import Point, TrajectoryGoal
 from hexwire.control.sharing.shared_goals import BOARD, CONFIRM, HOST, GoalReport, SharedGoals
 from hexwire.drivers.timed_path import PathState
-from hexwire.errors import GoalError, LeaseError
+from hexwire.errors import GoalError, LeaseError, StoppedError
 from hexwire.model.state import JointTarget, SentTarget
 from hexwire.motion.fence import Fence
 
@@ -271,13 +271,31 @@ def test_the_check_of_a_long_path_ends_with_the_right_to_move(
     monkeypatch.setattr(Fence, "check", check)
     far = (600.0, {**HOME, "J1": HOME["J1"] + AWAY})
     sent, soon = bench.order(bench.key), bench.owner.now() + 30.0
-    with pytest.raises(GoalError, match="cancelled before it began"):
+    why = (LeaseError, "Bob holds the lease") if ends == "taken" else (StoppedError, "a stop came after the call")
+    with pytest.raises(why[0], match=why[1]):
         _ = (
             bench.goals.check(sent, order((0.0, HOME), far))
             if only_check
             else bench.goals.follow(sent, order(far), soon)
         )
     assert len(seen) == 10
+
+
+def test_a_path_whose_check_lasts_until_its_start_is_too_late(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its sender may give it another start; nothing else is wrong with it."""
+    bench = Goals()
+    plain = Fence.check
+
+    def check(fence: Fence, where: Mapping[str, float]) -> dict[str, str]:
+        bench.clock.time += 0.01
+        return plain(fence, where)
+
+    monkeypatch.setattr(Fence, "check", check)
+    far = order((9.0, {**HOME, "J1": HOME["J1"] + AWAY}))
+    with pytest.raises(GoalError, match="could not be checked before it was to begin") as raised:
+        bench.goals.follow(bench.order(bench.key), far, bench.owner.now() + 0.5)
+    assert raised.value.reason == Reason.TOO_LATE
+    assert not bench.owner.group.moving
 
 
 def test_only_the_holder_may_follow_check_and_cancel() -> None:

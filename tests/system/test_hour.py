@@ -178,10 +178,13 @@ def test_after_an_hour_everything_is_as_it_was(hour: Hour) -> None:
     print(f"{len(numbers)} states in {hour.parts()} parts, {row}")
     # The file whose lock is a name stays: if it were removed, two servers could have one name.
     assert hour.left() == ["lab+arm1.name"]
-    assert (row["states"], row["lost"]) == (len(numbers), 0)
-    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+    assert row["states"] == len(numbers)
+    assert numbers == sorted(set(numbers))
+    # A busy machine may lose a state, as the recorder says. What tells of no joints has a number, too.
+    assert row["lost"] <= numbers[-1] - numbers[0] + 1 - len(numbers)
     hour.scene.check()
     if SOAK:
+        assert row["lost"] == 0
         since = (VISITS - WARM - WINDOW) / VISITS
         for name, watched in hour.watched.items():
             watched.check(INDEX * hour.parts() * since if name == "recorder" else 0.0)

@@ -16,22 +16,23 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
 from hexwire.drivers.abilities import Counters, ServoPing, ServoTables
 from hexwire.drivers.values import StopMode
-from hexwire.errors import LeaseError, NotSupportedError, StoppedError, UsageError
+from hexwire.errors import GoalError, LeaseError, NotSupportedError, StoppedError, UsageError
 
 from ..loop.holding import hold_moving, stop_or_log
+from ..loop.outcomes import Reason
 from ..motion.path_check import PathCheck
 from .lease import Lease
 from .shared_steps import SteppedTargets
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from hexwire.drivers.base import ProbeReport
     from hexwire.epochs import Token
@@ -283,6 +284,30 @@ class SharedArm:
         """Whether an order that was admitted may still be done: the lease lasts, and no stop has come since."""
         return self._robot.epochs.holds(self._orders.token(order))
 
+    @contextmanager
+    def explaining(self, order: Order, latest: float = math.inf) -> Iterator[None]:
+        """Say why an order was given up in a `with` block: by a stop, the end of the lease, or the time, too late.
+
+        Args:
+            order: The order.
+            latest: When it must have been checked, seconds of the owner's clock.
+
+        Raises:
+            LeaseError: The lease has ended.
+            StoppedError: The arm was stopped since.
+            GoalError: Of the block; TOO_LATE if `latest` has come.
+        """
+        try:
+            yield
+        except GoalError as error:
+            if error.reason != Reason.CANCELLED:
+                raise
+            self._robot.epochs.check(self._orders.token(order), "a trajectory")
+            if self.now() < latest:
+                raise
+            text = "its path could not be checked before it was to begin; nothing was sent"
+            raise GoalError(text, reason=Reason.TOO_LATE) from None
+
     def take(
         self,
         client: str,
@@ -480,11 +505,12 @@ class SharedArm:
 
         Raises:
             LeaseError: The sender does not hold the lease.
-            GoalError: The goal is refused; CANCELLED if its check took until `latest`.
+            StoppedError: The arm was stopped since.
+            GoalError: The goal is refused; TOO_LATE if its check took until `latest`.
         """
         self._orders.admit(order)
         joints = self.arm.controllers[controller].joints
-        with self._robot.epochs.using(self._orders.token(order)):
+        with self.explaining(order, latest), self._robot.epochs.using(self._orders.token(order)):
             self.arm.command(
                 controller,
                 goal,

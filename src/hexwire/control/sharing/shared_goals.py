@@ -173,11 +173,12 @@ class SharedGoals:
         here = self._arm.owner.newest().positions
         points = [Waypoint(p.time, p.positions, p.velocities or None, p.accelerations or None) for p in goal.points]
         path = Spline(goal.names, points)
-        self._shared.path_check.trajectory(
-            path,
-            {**here, **dict(zip(goal.names, path.start, strict=True))},
-            wanted=lambda: self._shared.is_wanted(order),
-        )
+        with self._shared.explaining(order):
+            self._shared.path_check.trajectory(
+                path,
+                {**here, **dict(zip(goal.names, path.start, strict=True))},
+                wanted=lambda: self._shared.is_wanted(order),
+            )
         return path.duration
 
     def follow(self, order: Order, goal: TrajectoryGoal, start: float, *, confirm: bool = False) -> int:
@@ -197,7 +198,8 @@ class SharedGoals:
 
         Raises:
             LeaseError: The sender does not hold the lease.
-            GoalError: It is refused, and nothing changes: TOO_LATE if the time has come already.
+            StoppedError: The arm was stopped since.
+            GoalError: It is refused, and nothing changes: TOO_LATE if the time has come, also during its check.
         """
         now = self._shared.now()
         if not now < start < now + _LATEST:
