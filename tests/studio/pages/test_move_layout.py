@@ -69,6 +69,10 @@ def test_all_that_moves_the_arm_every_day_is_in_sight_at_a_desk(move: Page) -> N
     move.locator('#arm-goto input[value="place"]').check()
     move.locator('select[name="aim"]').select_option("rpy")
     assert in_sight(move, "#arm-go")
+    # Nor is an axis below the others in a narrower window.
+    move.set_viewport_size({"width": 1280, "height": 800})
+    rows = move.locator(".arm-axes, #arm-grip").evaluate_all("(rows) => rows.map((row) => row.clientHeight)")
+    assert max(rows) < 40
     # At a desk there is nothing to choose.
     assert not move.locator(".arm-parts").is_visible()
 

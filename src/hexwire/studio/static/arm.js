@@ -748,7 +748,7 @@ function spaceMarkup() {
     <span class="arm-axes-name">${words}</span>${["x", "y", "z"].map((axis, i) => html`<span class="arm-axis arm-axis-${axis}">
       ${press(first + i, -1, `${words} ${what} ${axis}`)}<span>${axis}</span>${press(first + i, 1, `${words} ${what} ${axis}`)}</span>`)}</div>`;
   return html`<section class="arm-part" data-part="space" aria-labelledby="arm-space-title">
-  <div class="arm-head"><h2 id="arm-space-title">Jog in space</h2><p class="arm-note">Along and about the axes of the base.</p></div>
+  <div class="arm-head"><h2 id="arm-space-title">Jog in space</h2><p class="arm-note">In the axes of the base.</p></div>
   <div class="arm-space">${group("along", "Move", 0)}${group("about", "Turn", 3)}</div>
 </section>`;
 }

@@ -368,6 +368,6 @@ export function gripperMarkup() {
     <label class="arm-inline"><input type="number" inputmode="decimal" name="share" min="0" max="100" step="any" value="50" aria-label="Opening, percent"> %</label>
     <button class="hw-button arm-need" type="submit">Set</button>
   </form>
-  <p class="arm-note">Closing stops at an object and holds it gently.</p>
+  <p class="arm-note">Closing stops at an object and holds it.</p>
 </section>`;
 }
