@@ -1,7 +1,6 @@
 """Connections to the server: bounded in number and in time.
 
-Owns which connection is closed when there are too many, the client certificate that each has shown, and how a
-packed message is written to a WebSocket.
+Owns which connection is closed when there are too many, and the client certificate that each has shown.
 """
 
 from __future__ import annotations
@@ -12,15 +11,13 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from uvicorn.protocols.http.h11_impl import H11Protocol
-from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from .guard import PEER
-from .packed_message import WRITE
 
 if TYPE_CHECKING:
     from .access import Limits, Right
 
-__all__ = ["PackingProtocol", "make_protocol", "read_little"]
+__all__ = ["make_protocol", "read_little"]
 
 _READ = 4096
 """Bytes that are read at once of a socket. The loop takes apart all that was read before it does anything else: of
@@ -106,25 +103,3 @@ def make_protocol(
                 self._timer = None
 
     return BoundedConnection
-
-
-class PackingProtocol(WebSocketsSansIOProtocol):
-    """A WebSocket on which a message is written at once that was packed for several."""
-
-    async def run_asgi(self) -> None:
-        """Run the application, which may write packed messages."""
-        self.scope[WRITE] = self.write  # type: ignore[literal-required]  # an addition to the scope's own keys
-        await super().run_asgi()
-
-    def write(self, message: bytes) -> bool:
-        """Write a packed message, unless the line is full or about to be closed; in the loop of the server.
-
-        Returns:
-            Whether it was written.
-        """
-        if not self.writable.is_set() or not self.handshake_complete or self.close_sent:
-            return False
-        if self.transport.is_closing():
-            return False
-        self.transport.write(message)
-        return True

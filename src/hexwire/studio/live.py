@@ -28,7 +28,6 @@ from hexwire.errors import HexwireError
 
 from .guard import SESSION
 from .memory import FullPasses
-from .packed_message import WRITE, pack_message
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
@@ -52,7 +51,6 @@ _FACTS = 0.25
 _LOOK = 5.0
 """Seconds between two looks at how much memory there is: each holds the interpreter for a millisecond."""
 _SIGN_OF_LIFE = b"\0"
-_PACKED_SIGN = pack_message(_SIGN_OF_LIFE)
 """In place of a frame while there is no new one: without it a page takes what it shows for what is no more."""
 _MOST_TEXTS, _MOST_WAITING = 64, 4 << 20
 """Messages that may wait for a slow reader, and letters of them before the last one."""
@@ -150,13 +148,9 @@ async def end_tasks(tasks: Collection[asyncio.Task[Any]]) -> None:
 class _Socket:
     """What waits for one browser: the newest frame, and all texts."""
 
-    def __init__(
-        self, socket: WebSocket, tab: Tab, patience: float, write: Callable[[bytes], bool] = lambda message: False
-    ) -> None:
+    def __init__(self, socket: WebSocket, tab: Tab, patience: float) -> None:
         self.socket, self.tab = socket, tab
-        self._patience, self._write = patience, write
-        # The sender has something in hand, which nothing may overtake.
-        self._sending = False
+        self._patience = patience
         self._frame: bytes | None = None
         self._texts: deque[str] = deque()
         self._waiting = 0
@@ -167,25 +161,15 @@ class _Socket:
         self.replaced = asyncio.Event()
         self.over = asyncio.Event()
 
-    def put_frame(self, frame: bytes, packed: bytes) -> None:
-        """Send a frame at once, or next if something is before it or the line is full.
-
-        Args:
-            frame: The frame.
-            packed: The same as a message, made once for all sockets.
-        """
-        if self._sent - self.seen >= _AHEAD:
-            return
-        if not (self._sending or self._texts or self._frame is not None) and self._write(packed):
-            self._sent += 1
-            return
-        self._frame = frame
-        self._wake.set()
+    def put_frame(self, frame: bytes) -> None:
+        if self._sent - self.seen < _AHEAD:
+            self._frame = frame
+            self._wake.set()
 
     def put_sign_of_life(self) -> None:
         """Unless a frame waits, which is one, too."""
         if self._frame is None:
-            self.put_frame(_SIGN_OF_LIFE, _PACKED_SIGN)
+            self.put_frame(_SIGN_OF_LIFE)
 
     def put(self, message: dict[str, Any] | str) -> None:
         if len(self._texts) >= _MOST_TEXTS or self._waiting > _MOST_WAITING:
@@ -199,10 +183,8 @@ class _Socket:
     async def send_all(self) -> None:
         """Send until the socket closes or is too slow."""
         while not self.too_slow:
-            self._sending = False
             await self._wake.wait()
             self._wake.clear()
-            self._sending = True
             async with asyncio.timeout(self._patience):
                 while self._texts:
                     text = self._texts.popleft()
@@ -251,9 +233,8 @@ class Live:
                 state = arm.arm.owner.state if arm is not None else None
                 if self._sockets and arm is not None and state is not None and state is not last:
                     frame = arm.frame(state)
-                    packed = pack_message(frame)
                     for socket in self._sockets:
-                        socket.put_frame(frame, packed)
+                        socket.put_frame(frame)
                 last = state
                 if now >= next_beat:
                     next_beat = now + _BEAT
@@ -333,7 +314,7 @@ class Live:
         # All before it counts: if one fails, nothing would tell the next socket of this page that it is over.
         model, facts, run = studio.model(), studio.facts(), studio.running()
         tab.live = True
-        socket = _Socket(websocket, tab, studio.access.limits.patience, websocket.scope[WRITE])
+        socket = _Socket(websocket, tab, studio.access.limits.patience)
         self._sockets.add(socket)
         self._opened.set()
         socket.put({"kind": "hello", "tab": tab.name, "right": int(tab.right), **model})

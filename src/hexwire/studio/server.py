@@ -29,7 +29,7 @@ from hexwire.errors import LinkBusyError
 from .access import Access, Right
 from .app import Studio
 from .camera_views import CameraViews
-from .connections import PackingProtocol, make_protocol
+from .connections import make_protocol
 from .files import make_routes
 from .fleet_api import fleet_routes
 from .foxglove import Foxglove
@@ -104,7 +104,7 @@ class Server:
             http=make_protocol(self.access.limits, self.right_of),
             # The parser bounds the heads of requests, and whoever sends one may have no session.
             h11_max_incomplete_event_size=self.access.limits.head,
-            ws=PackingProtocol,
+            ws="websockets-sansio",
             # Compressing frames would take more of the processor than all else that is done for a page.
             ws_per_message_deflate=False,
             ws_max_size=1 << 20,
