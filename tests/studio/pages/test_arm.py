@@ -40,7 +40,7 @@ def open_page(page: Page) -> None:
         "() => { Object.defineProperty(hexwire, 'known', { get: () => Boolean(hexwire.facts?.known) }); }"
     )
     shrink_views(page)
-    page.get_by_role("link", name="Move", exact=True).click()
+    page.get_by_role("navigation", name="Pages").get_by_role("link", name="Move", exact=True).click()
 
 
 def shaft(studio: RunningStudio, joint: str) -> float:
@@ -174,10 +174,10 @@ def test_cameras_of_the_browser_are_tiles_and_are_off_when_nobody_sees_them(
     tiles.first.get_by_role("button", name="Close this camera").click()
     expect(tiles).to_have_count(1)
     operator.wait_for_function("tracks.map((track) => track.readyState).join() === 'ended,live'")
-    operator.get_by_role("link", name="Wire", exact=True).click()
+    operator.get_by_role("navigation", name="Pages").get_by_role("link", name="Wire", exact=True).click()
     operator.wait_for_function("tracks.every((track) => track.readyState === 'ended')")
     # A tile that is closed while the browser still opens another camera for it leaves neither of them on.
-    operator.get_by_role("link", name="Move", exact=True).click()
+    operator.get_by_role("navigation", name="Pages").get_by_role("link", name="Move", exact=True).click()
     operator.get_by_role("button", name="Camera", exact=True).click()
     expect(tiles).to_have_count(1)
     operator.evaluate(
@@ -264,7 +264,7 @@ def test_a_camera_of_the_studios_computer_is_a_tile_and_is_off_when_its_page_is_
         studio.until(lambda: not fake.is_open, "the end of the camera")
         tile.first.locator("select").select_option("video0")
         studio.until(lambda: fake.is_open, "the camera")
-        operator.get_by_role("link", name="Wire", exact=True).click()
+        operator.get_by_role("navigation", name="Pages").get_by_role("link", name="Wire", exact=True).click()
         studio.until(lambda: not fake.is_open, "the end of the camera")
     finally:
         fake.camera.close()
@@ -450,7 +450,7 @@ def test_joints_move_only_while_somebody_holds_them(studio: RunningStudio, page:
 
 @pytest.mark.slow
 def test_an_arm_that_is_opened_between_a_frame_and_its_picture_breaks_nothing(page: Page) -> None:
-    page.get_by_role("link", name="Move", exact=True).click()
+    page.get_by_role("navigation", name="Pages").get_by_role("link", name="Move", exact=True).click()
     page.wait_for_function("document.querySelector('[data-tip=x]')?.textContent.length > 1")
     # As where the studio says that it has another arm; what fails in a picture is an error of the page.
     page.evaluate(

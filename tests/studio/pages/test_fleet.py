@@ -21,7 +21,7 @@ __all__ = ["runtime", "serve"]
 
 @pytest.fixture
 def fleet_page(runtime: Path, studio: RunningStudio, page: Page) -> Iterator[Page]:
-    page.get_by_role("link", name="Arms", exact=True).click()
+    page.get_by_role("navigation", name="Pages").get_by_role("link", name="Arms", exact=True).click()
     page.get_by_role("heading", name="Arms", level=1).wait_for()
     yield page
     # It asks no more before the fleet rests.
@@ -56,14 +56,14 @@ def test_an_operator_opens_an_arm_and_a_watcher_stops_it(
     fleet_page.get_by_role("button", name="Open lab/arm1").click()
     fleet_page.get_by_role("heading", name="Move", level=1).wait_for()
     assert studio.arm.owner.robot.url.startswith("zenoh:lab/arm1")
-    fleet_page.get_by_role("link", name="Wire", exact=True).click()
+    fleet_page.get_by_role("navigation", name="Pages").get_by_role("link", name="Wire", exact=True).click()
     fleet_page.get_by_text("shared by another program").wait_for()
     studio.studio.source.close()
     # A viewer: in this browser its session takes the place of the operator's.
-    fleet_page.get_by_role("link", name="Arms", exact=True).click()
+    fleet_page.get_by_role("navigation", name="Pages").get_by_role("link", name="Arms", exact=True).click()
     viewer = context.new_page()
     viewer.goto(studio.watch_url)
-    viewer.get_by_role("link", name="Arms", exact=True).click()
+    viewer.get_by_role("navigation", name="Pages").get_by_role("link", name="Arms", exact=True).click()
     row = viewer.get_by_role("row").filter(has_text="lab/arm1")
     row.get_by_text("hex7bot").wait_for()
     viewer.get_by_role("button", name="Stop lab/arm1").click()

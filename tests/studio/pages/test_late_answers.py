@@ -60,7 +60,7 @@ def held(page: Page, count: int = 1) -> None:
 
 
 def leave(page: Page, name: str = "Signals") -> None:
-    page.get_by_role("link", name=name, exact=True).click()
+    page.get_by_role("navigation", name="Pages").get_by_role("link", name=name, exact=True).click()
     page.get_by_role("heading", name=name, level=1).wait_for()
 
 

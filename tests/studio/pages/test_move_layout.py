@@ -93,9 +93,9 @@ def test_a_phone_shows_one_part_below_the_arm(move: Page) -> None:
     for selector in ("#arm-view canvas", "#arm-go", "#hw-stop"):
         assert in_sight(move, selector), selector
     # It stays as it is while somebody looks at another page.
-    move.get_by_role("link", name="Signals", exact=True).click()
+    move.get_by_role("navigation", name="Pages").get_by_role("link", name="Signals", exact=True).click()
     move.get_by_role("heading", name="Signals", level=1).wait_for()
-    move.get_by_role("link", name="Move", exact=True).click()
+    move.get_by_role("navigation", name="Pages").get_by_role("link", name="Move", exact=True).click()
     expect(move.get_by_role("button", name="Go", exact=True)).to_be_visible()
 
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def _open(page: Page) -> None:
-    page.get_by_role("link", name="Signals", exact=True).click()
+    page.get_by_role("navigation", name="Pages").get_by_role("link", name="Signals", exact=True).click()
     page.get_by_role("heading", name="Signals", level=1).wait_for()
     page.locator(".uplot").first.wait_for()
 

@@ -27,7 +27,7 @@ def folder(studio: RunningStudio) -> Path:
 
 def _open(page: Page) -> None:
     shrink_views(page)
-    page.get_by_role("link", name="Recordings", exact=True).click()
+    page.get_by_role("navigation", name="Pages").get_by_role("link", name="Recordings", exact=True).click()
     page.get_by_role("heading", name="Recordings", level=1).wait_for()
 
 
@@ -109,7 +109,7 @@ def test_a_damaged_recording_says_so_and_is_recovered(page: Page, folder: Path) 
     _open(page)
     page.get_by_role("button", name="open a.mcap").click()
     page.get_by_label("Compare with").get_by_text("there is no other").wait_for(state="attached")
-    page.get_by_role("link", name="Signals", exact=True).click()
+    page.get_by_role("navigation", name="Pages").get_by_role("link", name="Signals", exact=True).click()
     page.get_by_role("heading", name="Signals", level=1).wait_for()
     content = (folder / "a.mcap").read_bytes()
     (folder / "a.mcap").write_bytes(content[:-40])

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 @pytest.mark.slow
 def test_page_has_its_heading(page: Page) -> None:
-    page.get_by_role("link", name="Servos", exact=True).click()
+    page.get_by_role("navigation", name="Pages").get_by_role("link", name="Servos", exact=True).click()
     page.get_by_role("heading", name="Servos", level=1).wait_for()
 
 

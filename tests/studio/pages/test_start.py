@@ -38,7 +38,7 @@ def test_a_port_is_shown_with_its_obstacle_and_an_arm_is_opened(
         row.get_by_role("button", name="Open /dev/ttyUSB7").click()
         page.get_by_text("Not opened:").wait_for()
         # A port that leads to no arm may lead to servos that are none yet.
-        page.get_by_role("link", name="Servos", exact=True).click()
+        page.get_by_role("navigation", name="Pages").get_by_role("link", name="Servos", exact=True).click()
         expect(page.get_by_label("Port or address of the adapter")).to_have_value("/dev/ttyUSB7")
         page.get_by_text("drives the arm to its middle pose: keep clear").wait_for()
         page.get_by_role("navigation").get_by_role("link", name="Arms", exact=True).click()

@@ -19,7 +19,7 @@ CAPTURES = Path(__file__).parents[3] / "vectors" / "captures"
 
 @pytest.fixture
 def wire(page: Page) -> Page:
-    page.get_by_role("link", name="Wire", exact=True).click()
+    page.get_by_role("navigation", name="Pages").get_by_role("link", name="Wire", exact=True).click()
     page.get_by_role("heading", name="Wire", level=1).wait_for()
     page.get_by_role("option", name="JOINT_STATE").first.wait_for()
     return page
@@ -77,8 +77,8 @@ def test_one_click_hides_and_shows_frames_of_a_kind(wire: Page) -> None:
     shown.get_by_label("requests").click()
     texts("texts.every((one) => one.includes(' reply '))")
     # It stays so while another page is looked at, and goes with what is typed.
-    wire.get_by_role("link", name="Signals", exact=True).click()
-    wire.get_by_role("link", name="Wire", exact=True).click()
+    wire.get_by_role("navigation", name="Pages").get_by_role("link", name="Signals", exact=True).click()
+    wire.get_by_role("navigation", name="Pages").get_by_role("link", name="Wire", exact=True).click()
     assert not shown.get_by_label("requests").is_checked()
     shown.get_by_label("reports").click()
     wire.get_by_label("Filter", exact=True).fill("received")
@@ -184,9 +184,9 @@ def test_follow_keeps_its_state_until_somebody_ticks_it_or_scrolls_back(wire: Pa
         open_file(wire, "cut-frame.pcapng")
         wire.get_by_role("button", name="Back to the line").click()
         grown()
-        wire.get_by_role("link", name="Move", exact=True).click()
+        wire.get_by_role("navigation", name="Pages").get_by_role("link", name="Move", exact=True).click()
         wire.get_by_role("heading", name="Move", level=1).wait_for()
-        wire.get_by_role("link", name="Wire", exact=True).click()
+        wire.get_by_role("navigation", name="Pages").get_by_role("link", name="Wire", exact=True).click()
         wire.get_by_role("option", name="JOINT_STATE").first.wait_for()
         grown()
         assert follow.is_checked() is ticked
