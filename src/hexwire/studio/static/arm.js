@@ -121,14 +121,14 @@ function draw(element, args, opened) {
     });
   }, root);
   hexwire.onFacts((facts) => page.tell("facts", facts), root);
-  mountView(page);
-  // When they are about to be seen.
+  const poses = page.get(".arm-part[data-part=poses]");
+  // Once the arm is drawn, when they are about to be seen.
+  mountView(page).finally(() => near.observe(poses));
   const near = new IntersectionObserver((rows) => {
     if (!rows.some(({ isIntersecting }) => isIntersecting)) return;
     near.disconnect();
     import("./arm_poses.js").then(({ mountPoses }) => root.isConnected && mountPoses(page));
   }, { rootMargin: "100px" });
-  near.observe(page.get(".arm-part[data-part=poses]"));
   // Not in the first picture: nobody jogs by steps or keys before the page has control.
   /** @type {Promise<unknown> | null} */
   let jog = null;
