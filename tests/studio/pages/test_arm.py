@@ -561,7 +561,8 @@ def test_a_goal_is_previewed_and_reached_a_pose_recalled_a_motion_taught(
     page.get_by_role("button", name="Play", exact=True).click()
     studio.until(lambda: shaft(studio, "J1") < start + 0.1, "the way to the start")
     expect(page.locator("#arm-play-plan")).to_have_text("Played.")
-    assert rest(studio, "J1") == pytest.approx(end, abs=0.03)
+    # It has arrived as closely as a goal asks for; a machine that stalls shows it there for a while.
+    studio.until(lambda: abs(shaft(studio, "J1") - end) < 0.03, "the end of the motion")
 
     _tips_agree(studio, page)
     studio.open("so101")
