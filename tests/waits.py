@@ -19,11 +19,7 @@ _RARELY = 0.05
 
 def eventually(what: Callable[[], T]) -> T:
     """The first true answer; fails if there is none for long."""
-    deadline = time.monotonic() + PATIENCE
-    while not (found := what()):
-        assert time.monotonic() < deadline, "it did not happen"
-        time.sleep(0.02)
-    return found
+    return until(lambda: what() or None, "it happens")
 
 
 def until(

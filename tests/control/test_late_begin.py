@@ -38,6 +38,13 @@ def planning(bench: RunBench, monkeypatch: pytest.MonkeyPatch, meanwhile: Callab
     monkeypatch.setattr(bench.motions, "plan", late)
 
 
+def pause(bench: RunBench) -> None:
+    """End the swing on its way; the joints brake from now on."""
+    first = bench.begin({"what": "play"}, taught=SWING)
+    bench.turn(first.progress().lead_in + SECONDS / 4)
+    first.end("paused")
+
+
 def fastest(bench: RunBench, since: float) -> float:
     """The greatest speed of J1 since a time, radians per second; over 20 ms, since its places are counts."""
     model, i = HEX7BOT.joint("J1"), HEX7BOT.index("J1")
@@ -51,53 +58,44 @@ def fastest(bench: RunBench, since: float) -> float:
     return max(speeds)
 
 
+def go_on(bench: RunBench, args: dict[str, Any]) -> None:
+    """Begin another motion, which succeeds at no more than the joint's speed."""
+    began = bench.clock.time
+    again = bench.begin(args, taught=SWING if args["what"] == "play" else None)
+    bench.until(again)
+    assert again.progress().outcome is Outcome.SUCCEEDED, again.progress().text
+    assert fastest(bench, began) < 1.1 * SPEED
+
+
 @pytest.mark.parametrize("host_timed", [False, True])
 @pytest.mark.parametrize("args", [{"what": "play"}, STRAIGHT])
 def test_a_paused_motion_goes_on_although_its_plan_takes_long(
     monkeypatch: pytest.MonkeyPatch, args: dict[str, Any], *, host_timed: bool
 ) -> None:
     bench = RunBench(host_timed=host_timed)
-    first = bench.begin({"what": "play"}, taught=SWING)
-    bench.turn(first.progress().lead_in + SECONDS / 4)
-    first.end("paused")
+    pause(bench)
     planning(bench, monkeypatch, lambda: bench.turn(0.06))
-    began = bench.clock.time
-    again = bench.begin(args, taught=SWING if args["what"] == "play" else None)
-    bench.until(again)
-    assert again.progress().outcome is Outcome.SUCCEEDED, again.progress().text
+    go_on(bench, args)
     if args["what"] == "play":
         assert bench.where("J1") == pytest.approx(J1, abs=0.02)
-    assert fastest(bench, began) < 1.1 * SPEED
 
 
 @pytest.mark.parametrize("host_timed", [False, True])
 def test_a_motion_begins_after_a_stall_of_the_loop(monkeypatch: pytest.MonkeyPatch, *, host_timed: bool) -> None:
     """The loop neither reads nor sends while the motion is planned; its clock goes on, and so does the board."""
     bench = RunBench(host_timed=host_timed)
-    first = bench.begin({"what": "play"}, taught=SWING)
-    bench.turn(first.progress().lead_in + SECONDS / 4)
-    first.end("paused")
+    pause(bench)
     planning(bench, monkeypatch, lambda: bench.clock.sleep(0.3))
-    began = bench.clock.time
-    again = bench.begin({"what": "play"}, taught=SWING)
-    bench.until(again)
-    assert again.progress().outcome is Outcome.SUCCEEDED, again.progress().text
-    assert fastest(bench, began) < 1.1 * SPEED
+    go_on(bench, {"what": "play"})
 
 
 @pytest.mark.parametrize("host_timed", [False, True])
 def test_a_motion_is_planned_during_a_stall_of_the_loop(*, host_timed: bool) -> None:
     """By its clock the brake is over, but the joints stand where the last target has led them."""
     bench = RunBench(host_timed=host_timed)
-    first = bench.begin({"what": "play"}, taught=SWING)
-    bench.turn(first.progress().lead_in + SECONDS / 4)
-    first.end("paused")
+    pause(bench)
     bench.clock.sleep(0.3)
-    began = bench.clock.time
-    again = bench.begin({"what": "play"}, taught=SWING)
-    bench.until(again)
-    assert again.progress().outcome is Outcome.SUCCEEDED, again.progress().text
-    assert fastest(bench, began) < 1.1 * SPEED
+    go_on(bench, {"what": "play"})
 
 
 @pytest.mark.parametrize("host_timed", [False, True])

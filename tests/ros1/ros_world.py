@@ -281,10 +281,25 @@ class World(Programs):
         super().close()
 
 
-def serving_patiently(board: PtyBoard, patch: pytest.MonkeyPatch) -> Service:
-    """The server of an arm `lab/arm1`; a program that a busy machine lets wait is not one that is late or gone."""
-    default(patch, Lease, max_age=5.0)
-    return Service(read_arms({"lab/arm1": {"port": board.port, "watchdog": 5.0, "lease": 5.0}}))
+@contextlib.contextmanager
+def shared_board(world: Programs) -> Iterator[PtyBoard]:
+    """A board that this process shares as `lab/arm1`, with the programs of a world and with nobody else.
+
+    A program that a busy machine lets wait is not one that is late or gone.
+    """
+    folder = world.folder / "run"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("XDG_RUNTIME_DIR", "XDG_STATE_HOME"):
+            patch.setenv(name, str(folder))
+            world.env[name] = str(folder)
+        default(patch, Lease, max_age=5.0)
+        board = PtyBoard(world.folder / "shared-arm")
+        try:
+            with Service(read_arms({"lab/arm1": {"port": board.port, "watchdog": 5.0, "lease": 5.0}})):
+                yield board
+        finally:
+            board.close()
 
 
 class PtyBoard:

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator
 
 import pytest
-from tests.ros1.ros_world import HEXWIRE, NODE, Arm, PtyBoard, World, made, near, serving_patiently, still
+from tests.ros1.ros_world import HEXWIRE, NODE, Arm, World, made, near, shared_board, still
 from tests.waits import until
 
 from hexwire.drivers import registry
@@ -30,21 +30,13 @@ def shared(world: World) -> Iterator[Arm]:
     """A node without torque, and the arm behind it, whose server is this process."""
     interval = sys.getswitchinterval()
     sys.setswitchinterval(0.001)
-    folder = world.folder / "run"
-    folder.mkdir(mode=0o700)
-    with pytest.MonkeyPatch.context() as patch:
-        for name in ("XDG_RUNTIME_DIR", "XDG_STATE_HOME"):
-            patch.setenv(name, str(folder))
-            world.env[name] = str(folder)
-        board = PtyBoard(world.folder / "shared")
-        try:
-            with serving_patiently(board, patch):
-                node = world.node(f"_port:={PORT}", "_allow_partial_joints_goal:=true", "_publish_rate:=50")
-                yield Arm(world, node, board=board)
-                assert node.end() == 0
-        finally:
-            board.close()
-            sys.setswitchinterval(interval)
+    try:
+        with shared_board(world) as board:
+            node = world.node(f"_port:={PORT}", "_allow_partial_joints_goal:=true", "_publish_rate:=50")
+            yield Arm(world, node, board=board)
+            assert node.end() == 0
+    finally:
+        sys.setswitchinterval(interval)
 
 
 def other(take: bool = False) -> RemoteRobot:

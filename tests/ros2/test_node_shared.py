@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import pytest
-from tests.ros1.ros_world import serving_patiently
+from tests.ros1.ros_world import shared_board
 from tests.ros2.node_fixtures import world
-from tests.ros2.node_world import SUCCEEDED, Arm, Goal, PtyBoard, World
+from tests.ros2.node_world import SUCCEEDED, Arm, Goal, World
 from tests.waits import until
 
 from hexwire.drivers import registry
@@ -23,25 +23,15 @@ pytestmark = pytest.mark.system
 @pytest.fixture
 def shared(world: World) -> Iterator[Arm]:
     """A node, and the arm behind it, whose server is this process."""
-    folder = world.folder / "run"
-    folder.mkdir(mode=0o700, exist_ok=True)
-    with pytest.MonkeyPatch.context() as patch:
-        for name in ("XDG_RUNTIME_DIR", "XDG_STATE_HOME"):
-            patch.setenv(name, str(folder))
-            world.env[name] = str(folder)
-        board = PtyBoard(world.folder / "shared-arm")
-        try:
-            with serving_patiently(board, patch):
-                node = world.node(
-                    *("-r", "__ns:=/shared", "-p", "port:=zenoh:lab/arm1", "-p", "publish_rate:=50.0"),
-                    *("-p", "allow_partial_joints_goal:=true"),
-                )
-                arm = Arm(world, node, board, at="/shared/")
-                yield arm
-                arm.peer.close()
-                assert node.end() == 0
-        finally:
-            board.close()
+    with shared_board(world) as board:
+        node = world.node(
+            *("-r", "__ns:=/shared", "-p", "port:=zenoh:lab/arm1", "-p", "publish_rate:=50.0"),
+            *("-p", "allow_partial_joints_goal:=true"),
+        )
+        arm = Arm(world, node, board, at="/shared/")
+        yield arm
+        arm.peer.close()
+        assert node.end() == 0
 
 
 def test_a_shared_arm_is_commanded_by_who_holds_it(shared: Arm) -> None:
