@@ -160,6 +160,20 @@ class RunningStudio:
         """Wait until something is true, at most so long."""
         until(true, what, seconds)
 
+    def cut(self, page: Page) -> None:
+        """End the connection of a page, and wait until the server has; the page then opens another."""
+        key, live = page.evaluate("hexwire.key"), self.studio.live
+
+        def sockets() -> list[Any]:
+            return [each for each in list(live._sockets) if each.tab.key == key]
+
+        # A browser may know that it is connected before the server keeps its socket.
+        self.until(sockets, "the page's socket")
+        (ended,) = sockets()
+        ended.too_slow = True
+        self.studio.soon(ended._wake.set)
+        self.until(ended.over.is_set, "the end of the page's socket")
+
     def stopped(self, what: str) -> None:
         """Wait until the arm is stopped and the board has said so: then a reset is asked for after the stop."""
         owner = self.arm.owner

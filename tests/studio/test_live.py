@@ -98,12 +98,10 @@ def test_a_stop_that_is_sent_again_is_no_second_one(studio: RunningStudio, monke
 def test_a_page_is_kept_while_its_computer_sleeps_for_a_moment(studio: RunningStudio, page: Page) -> None:
     """A page that the server has forgotten loads itself again, and what was typed into it is lost."""
     page.get_by_label("Port or address").fill("/dev/ttyUSB7")
-    page.evaluate("window.same = true")
-    for each in list(studio.studio.live._sockets):
-        each.too_slow = True
-        each._wake.set()
-    page.wait_for_function("!hexwire.connected")
-    page.wait_for_function("hexwire.connected")
+    # Noted by the page: a look from here may come after it is back.
+    page.evaluate("window.same = true; window.links = []; hexwire.onLink((up) => links.push(up)); 0")
+    studio.cut(page)
+    page.wait_for_function("'false,true' === window.links?.join()")
     assert page.get_by_label("Port or address").input_value() == "/dev/ttyUSB7"
     assert page.evaluate("window.same")
 

@@ -242,11 +242,7 @@ def test_stop_reaches_the_arm_without_the_live_socket(studio: RunningStudio, ope
             WebSocket.OPEN = 1;
         }"""
     )
-    live = studio.studio.live
-    studio.studio.soon(lambda: live._tell({"kind": "none"}, None))
-    for socket_ in list(live._sockets):
-        socket_.too_slow = True
-    studio.until(lambda: not live._sockets, "the end of the socket")
+    studio.cut(operator)
     operator.wait_for_function("!hexwire.connected")
     operator.keyboard.press("Escape")
     studio.until(lambda: studio.arm.owner.group.reason is not None, "the stop")

@@ -337,10 +337,12 @@ def test_the_page_draws_meshes_and_says_what_is_drawn_plainly(
         served.open("so101")
         blank.goto(served.operate_url.replace("/?", "/move?"))
         blank.get_by_text("Drawn plainly: none.stl is not there").wait_for()
-        blank.wait_for_function(
-            "performance.getEntriesByType('resource').some((each) => each.name.endsWith('/meshes/1'))"
-        )
-        served.until(lambda: any("GLTFLoader" in url for url in asked), "the loader")
+        for wanted in ("/meshes/1", "/GLTFLoader.js"):
+            # Of the page: `asked` grows only while Playwright is waited for.
+            blank.wait_for_function(
+                "(wanted) => performance.getEntriesByType('resource').some(({ name }) => name.endsWith(wanted))",
+                arg=wanted,
+            )
     finally:
         served.studio.urdf = None
         served.studio.source.close()

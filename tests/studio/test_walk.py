@@ -239,9 +239,7 @@ def test_a_page_that_cannot_be_loaded_says_so_and_is_loaded_when_the_studio_is_b
             "window.WebSocket.OPEN = Real.OPEN;"
         )
         page.route("**/static/plots.js", lambda route: route.abort())
-        for each in list(studio.studio.live._sockets):
-            each.too_slow = True
-            each._wake.set()
+        studio.cut(page)
         page.wait_for_function("!hexwire.connected")
         page.locator('.hw-nav-link[data-path="/signals"]').click()
         page.get_by_text("this page is loaded when the studio is back").wait_for()

@@ -85,9 +85,7 @@ def test_what_is_pressed_without_a_connection_is_not_done_later(studio: RunningS
     expect(start).to_be_enabled()
     # No new socket can be opened for now, and the present one closes.
     operator.evaluate("() => { window.Plain = WebSocket; WebSocket = class { static OPEN = 1; readyState = 3; }; }")
-    for each in list(studio.studio.live._sockets):
-        each.too_slow = True
-        each._wake.set()
+    studio.cut(operator)
     operator.wait_for_function("!hexwire.connected")
     expect(operator.locator("#hw-torque-on")).to_be_hidden()
     start.dispatch_event("click")
