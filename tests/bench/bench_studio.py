@@ -28,13 +28,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from tests.bench.board import board, cpu, memory, servo_bus
 from tests.studio.chromium import chromium
+from tests.studio.first_picture import first_picture
 
 from hexwire.control.requests.history import History
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointState
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, BrowserContext, Page, Response
+    from playwright.sync_api import Browser, BrowserContext, Page
 
 _PROGRAM = Path(__file__).with_name("studio_process.py")
 _BLOCK = 5.0
@@ -174,23 +175,15 @@ def _usable(browser: Browser, studio: _Process) -> tuple[float, float]:
 
 
 def _picture(browser: Browser, studio: _Process) -> str:
-    """What a browser that was never here fetches until the arm is drawn."""
+    """What a browser that was never here asks for, until it asks for nothing more."""
     context = browser.new_context(**_WINDOW)
     try:
-        page = context.new_page()
-        asked: list[Response] = []
-        page.on("response", lambda response: asked.append(response))
-        page.goto(studio.operate.replace("/?", "/move?"))
-        page.locator("#arm-view canvas").wait_for()
-        sizes = [response.request.sizes() for response in asked]
-        sent = sum(size["responseBodySize"] + size["responseHeadersSize"] for size in sizes)
-        # The first one only leads on from the address with the key.
-        raw = sum(len(response.body()) for response in asked[1:])
+        picture = first_picture(context.new_page(), studio.operate)
     finally:
         context.close()
     return (
-        f"first picture: {len(asked)} requests (aim 12), {sent / 1000:.0f} kB on the wire (aim 250 kB), "
-        f"{raw / 1000:.0f} kB raw (aim 1000 kB)"
+        f"first picture: {picture.requests} requests (aim 12), {picture.sent / 1000:.0f} kB on the wire "
+        f"(aim 250 kB), {picture.raw / 1000:.0f} kB raw (aim 1000 kB)"
     )
 
 

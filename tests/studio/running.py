@@ -218,7 +218,7 @@ class Visitor:
         line = http.client.HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE)
         try:
             rows = {"Host": self.host, "Origin": self.origin, "Cookie": self.cookie} | headers
-            line.putrequest(method, path, skip_host=True)
+            line.putrequest(method, path, skip_host=True, skip_accept_encoding=True)
             for name, value in rows.items():
                 if value:
                     line.putheader(name, value)

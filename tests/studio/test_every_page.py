@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import pytest
 from tests.studio.conftest import shrink_views
+from tests.studio.first_picture import first_picture
 from tests.studio.running import PATIENCE
 
 from hexwire.studio.server import PAGES
@@ -13,7 +14,7 @@ from hexwire.studio.server import PAGES
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from playwright.sync_api import Browser, Page, Response
+    from playwright.sync_api import Browser, Page
     from tests.studio.running import RunningStudio
 
 SIZES = ((1440, 900), (1024, 768), (390, 844))
@@ -145,23 +146,18 @@ def test_every_page_keeps_to_its_policy(studio: RunningStudio, browser: Browser)
 
 
 @pytest.mark.slow
-def test_the_first_picture_is_small(studio: RunningStudio, browser: Browser) -> None:
-    context = browser.new_context()
+@pytest.mark.parametrize("size", SIZES)
+def test_the_first_picture_is_small(studio: RunningStudio, browser: Browser, size: tuple[int, int]) -> None:
+    width, height = size
+    context = browser.new_context(viewport={"width": width, "height": height})
+    context.set_default_timeout(1000 * PATIENCE)
     try:
-        page = context.new_page()
-        asked: list[Response] = []
-        page.on("response", lambda response: asked.append(response))
-        page.goto(studio.operate_url.replace("/?", "/move?"))
-        page.locator("#arm-view canvas").wait_for(timeout=1000 * PATIENCE)
-        sizes = [response.request.sizes() for response in asked]
-        sent = sum(size["responseBodySize"] + size["responseHeadersSize"] for size in sizes)
-        # The first one only leads on from the address with the key.
-        raw = sum(len(response.body()) for response in asked[1:])
+        picture = first_picture(context.new_page(), studio.operate_url)
     finally:
         context.close()
-    assert len(asked) <= 12
-    assert sent <= 250_000
-    assert raw <= 1_000_000
+    assert picture.requests <= 12
+    assert picture.sent <= 250_000
+    assert picture.raw <= 1_000_000
 
 
 @pytest.mark.slow

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import gzip
 import urllib.error
 import urllib.request
 from functools import partial
 from typing import TYPE_CHECKING
 
 import pytest
+from tests.studio.running import Visitor
 
 from hexwire.errors import LinkBusyError
 from hexwire.studio.access import Access
@@ -38,3 +40,15 @@ def test_a_port_in_use_is_said(served: RunningStudio) -> None:
         )
     finally:
         studio.close()
+
+
+def test_the_page_is_compressed_for_a_browser_that_can_read_it_so(served: RunningStudio) -> None:
+    owner = Visitor(served, served.studio.access.operate_token)
+    _, headers, plain = owner.ask("/move", Origin="")
+    assert "content-encoding" not in headers
+    _, headers, packed = owner.ask("/move", Origin="", **{"Accept-Encoding": "gzip, br"})
+    assert (headers["content-encoding"], headers["vary"]) == ("gzip", "accept-encoding")
+    assert headers["cache-control"] == "no-store"
+    # Each has the key of a tab of its own.
+    assert len(gzip.decompress(packed)) == len(plain)
+    assert b"{tab}" not in plain

@@ -1,4 +1,4 @@
-"""The static files of pages, in memory: found by name, compressed once.
+"""The files of pages, in memory: found by name, compressed once; and the page itself, another one each time.
 
 Owns their bytes and headers. Nothing else of a disk can be reached by an address.
 """
@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import gzip
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -31,7 +32,7 @@ class _File:
 
     @cached_property
     def packed(self) -> bytes:
-        return gzip.compress(self.body, 9, mtime=0)
+        return _pack(self.body)
 
 
 class Packed:
@@ -48,9 +49,24 @@ class Packed:
             if file.suffix in _KINDS
         }
 
-    def body(self, name: str) -> bytes:
-        """What is in a file."""
-        return self._files[name].body
+    def page(self, request: Request, name: str, values: Mapping[str, str]) -> Response:
+        """A file with values in it, for this request alone.
+
+        Args:
+            request: Its browser can or cannot read what is compressed.
+            name: The file.
+            values: What is in the place of each ``{name}`` of it. Nothing that others choose: beside the key of a
+                tab, it would let the length of the compressed page tell of the key.
+        """
+        file = self._files[name]
+        body = file.body
+        for key, value in values.items():
+            body = body.replace(f"{{{key}}}".encode(), value.encode())
+        headers = {"cache-control": "no-store", "vary": "accept-encoding"}
+        if _reads_packed(request):
+            headers["content-encoding"] = "gzip"
+            body = _pack(body)
+        return Response(body, 200, headers, file.kind)
 
     async def answer(self, request: Request) -> Response:
         """A file, compressed for a browser that can read it so."""
@@ -61,8 +77,16 @@ class Packed:
         if request.headers.get("if-none-match") == file.tag:
             return Response(None, 304, headers)
         body = file.body
-        if "gzip" in request.headers.get("accept-encoding", ""):
+        if _reads_packed(request):
             headers["content-encoding"] = "gzip"
             # By a thread of asyncio: what Starlette loads for one of its own takes 5 MB.
             body = await asyncio.to_thread(lambda: file.packed)
         return Response(body, 200, headers, file.kind)
+
+
+def _pack(body: bytes) -> bytes:
+    return gzip.compress(body, 9, mtime=0)
+
+
+def _reads_packed(request: Request) -> bool:
+    return "gzip" in request.headers.get("accept-encoding", "")

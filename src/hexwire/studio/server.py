@@ -19,7 +19,7 @@ from typing import Any
 import uvicorn
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, JSONResponse, Response
+from starlette.responses import JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
@@ -158,7 +158,6 @@ def make_app(studio: Studio, on_started: Callable[[], object] = lambda: None) ->
     foxglove = studio.foxglove
     cameras = CameraViews(studio.cameras, studio.tabs, studio.access.limits.patience)
     static = Packed(STATIC)
-    shell = static.body("studio.html").decode()
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
@@ -182,8 +181,7 @@ def make_app(studio: Studio, on_started: Callable[[], object] = lambda: None) ->
     async def page(request: Request) -> Response:
         session = request.scope[SESSION]
         tab = studio.tabs.open(session.key, session.right)
-        text = shell.replace("{tab}", tab.key).replace("{right}", str(int(tab.right)))
-        return HTMLResponse(text, headers={"cache-control": "no-store"})
+        return static.page(request, "studio.html", {"tab": tab.key, "right": str(int(tab.right))})
 
     async def mesh(request: Request) -> Response:
         meshes, number = [] if studio.urdf is None else studio.urdf.meshes, request.path_params["number"]

@@ -615,12 +615,12 @@ def _tips_agree(studio: RunningStudio, page: Page) -> None:
 def test_an_arm_is_drawn_as_its_joints_allow_and_names_are_text(page: Page) -> None:
     drawn = page.evaluate(
         """async () => {
-            const [arm, motion, poses, timeline] = await Promise.all(
-                ["arm", "arm_motion", "arm_poses", "arm_timeline"].map((name) => import(`/static/${name}.js`)));
+            const [arm, motion, timeline] = await Promise.all(
+                ["arm", "arm_motion", "arm_timeline"].map((name) => import(`/static/${name}.js`)));
             const joints = [{ name: '<b onclick="x">', min: Math.PI * -0.0002, max: Math.PI / 4 }];
             return [arm.jointsMarkup(joints), arm.tipMarkup(6), arm.tipMarkup(5), motion.gotoMarkup(joints, 6),
-                motion.gotoMarkup(joints, 5), motion.gotoMarkup(joints, null), poses.posesMarkup(null),
-                poses.posesMarkup({}), timeline.teachMarkup()].map((markup) => markup.text);
+                motion.gotoMarkup(joints, 5), motion.gotoMarkup(joints, null), motion.posesMarkup(null),
+                motion.posesMarkup({}), timeline.teachMarkup()].map((markup) => markup.text);
         }"""
     )
     joints, six_tip, five_tip, six, five, unknown, no_gripper, gripper, teach = drawn

@@ -4,7 +4,7 @@ Owns what the parts share (`page`): speed, calls to the server, the ghost, the r
 becomes a hold, and the numbers at frame rate. Must not decide what may move: the server checks every hold and every call. */
 
 import hexwire, { all, capital, faultsOf, FLAG, required } from "./live.js";
-import { gotoMarkup, gripperMarkup, mountGoto, mountGripper } from "./arm_motion.js";
+import { gotoMarkup, gripperMarkup, mountGoto, mountGripper, mountPoses, posesMarkup } from "./arm_motion.js";
 import { fill, html, loadSheet, tabs, whyOf } from "./widgets.js";
 
 const OVER = 0.06; // share of the range that a slider shows beyond each limit
@@ -109,6 +109,7 @@ function draw(element, args, opened) {
   mountTip(page);
   mountGoto(page);
   mountGripper(page);
+  mountPoses(page);
   mountRun(page);
   let asked = 0;
   hexwire.onFrame(() => {
@@ -121,14 +122,7 @@ function draw(element, args, opened) {
     });
   }, root);
   hexwire.onFacts((facts) => page.tell("facts", facts), root);
-  const poses = page.get(".arm-part[data-part=poses]");
-  // Once the arm is drawn, when they are about to be seen.
-  mountView(page).finally(() => near.observe(poses));
-  const near = new IntersectionObserver((rows) => {
-    if (!rows.some(({ isIntersecting }) => isIntersecting)) return;
-    near.disconnect();
-    import("./arm_poses.js").then(({ mountPoses }) => root.isConnected && mountPoses(page));
-  }, { rootMargin: "100px" });
+  mountView(page);
   // Not in the first picture: nobody jogs by steps or keys before the page has control.
   /** @type {Promise<unknown> | null} */
   let jog = null;
@@ -655,7 +649,7 @@ function markup({ joints, space, jaws, geometry, look, emulated }) {
 </div>
 <div class="arm-left">${viewMarkup(look ?? geometry, space, emulated)}</div>
 <div class="arm-right"><div class="arm-panel" id="arm-drive" role="tabpanel" aria-label="${WAYS.drive}">
-  ${jointsMarkup(joints)}${space && spaceMarkup()}${jaws && gripperMarkup()}${gotoMarkup(joints, space)}<section class="arm-part" data-part="poses" aria-label="Poses"></section></div>
+  ${jointsMarkup(joints)}${space && spaceMarkup()}${jaws && gripperMarkup()}${gotoMarkup(joints, space)}${posesMarkup(jaws)}</div>
   ${Object.entries(WAYS).slice(1).map(([name, words]) => html`<section class="arm-part" id="arm-${name}" role="tabpanel" aria-label="${words}" hidden></section>`)}</div>
 </div>`;
 }
