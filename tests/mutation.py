@@ -5,8 +5,8 @@
 Owns which mutants count, which tests judge them, and the table at the end. mutmut makes them; `mutation_run.py`
 runs each against the tests that call the function it is in, the quickest first, for at most 30 s. A mutant counts
 if it changes what code does; texts, `__repr__`, type hints and what a `raise` says do not count, and mutmut leaves
-out properties and a module's constants. A test that takes ten times as long as without the mutant notices it, if it
-does so twice, and then ends without the mutant.
+out properties and a module's constants. A test notices a mutant if it fails, or takes ten times as long, twice in
+succession, and then passes without the mutant: what a busy machine does to a test is not the mutant's doing.
 
 `mutation_survivors.toml` lists survivors that no test can notice or needs to, each with its reason. A mutant that
 no test notices but mypy refuses is noticed too, since `make test` runs mypy; the table counts these apart. Ends
@@ -775,7 +775,12 @@ def report(score: Score, reasons: dict[tuple[str, tuple[str, ...]], str], quick:
             continue
         reason = reasons.get((mutant.place, mutant.change))
         good &= reason is not None
-        what = {"untested": "has no test", "late": f"lives for {LIMIT:.0f} s"}.get(mutant.verdict, "lives")
+        whats = {
+            "untested": "has no test",
+            "late": f"lives for {LIMIT:.0f} s",
+            "unsure": f"lives, or {mutant.by} fails without it, too",
+        }
+        what = whats.get(mutant.verdict, "lives")
         print(f"  {mutant.place} {what}: {reason or 'NO REASON'}")
         for line in mutant.change:
             print(f"      {line}")

@@ -21,7 +21,7 @@ import signal
 import sys
 import textwrap
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -29,6 +29,7 @@ import pytest
 
 ARGUMENTS = ["-q", "--rootdir=.", "-p", "no:cacheprovider", "--disable-warnings", "--tb=no"]
 _HANG, _TIMES = 10.0, 10.0
+_NOTICED = frozenset({"failed", "hung", "crashed"})
 _SUBREAPER = 36
 _OWN_QUEUES = 0x08000000
 
@@ -124,23 +125,16 @@ class Judge(Report):
             with _changed(Path(mutant["file"]), mutant["text"]):
                 tried: tuple[str, str] | None = ("untested", "")
                 if tests:
-                    tried = self._try(mutant, tests)
-                if tried and tried[0] == "hung":
-                    # On a busy machine a test may take long without any fault: once more, from that one on.
-                    names = list(tests)
-                    tests = {name: tests[name] for name in names[names.index(tried[1]) :]}
-                    tried = self._try(mutant, tests)
+                    tried = self._try_again(self._try, mutant, tests)
                 if tried and tried[0] in ("lives", "late", "untested") and mutant["all"]:
-                    tried = self._try_anew(mutant)
-            if tried and tried[0] == "hung":
-                # And what it takes on this machine now without the mutant is nothing that anybody noticed.
-                hung = tried
-                tests = {hung[1]: dict(mutant["tests"] + mutant["all"])[hung[1]]}
-                tried = self._try(mutant, tests, install=False)
-                if tried:
-                    tried = hung if tried[0] == "lives" else ("late", hung[1])
+                    tried = self._try_again(self._try_anew, mutant, dict(mutant["all"]))
+            if tried and tried[0] in _NOTICED and tried[1]:
+                # And what it does on this machine now without the mutant is nothing that anybody noticed.
+                by = tried[1]
+                without = self._try(mutant, {by: dict(mutant["tests"] + mutant["all"])[by]}, install=False)
+                tried = without and (tried if without[0] == "lives" else ("unsure", by))
             if tried is None:
-                session.items = [items[name] for name in tests]
+                session.items = [items[name] for name in self._names]
                 return None
             self._note(mutant, *tried, round(time.monotonic() - start, 1))
         return True
@@ -149,6 +143,17 @@ class Judge(Report):
         line = {"key": mutant["key"], "verdict": verdict, "by": by, "seconds": seconds}
         self._out.write(json.dumps(line) + "\n")
         self._out.flush()
+
+    def _try_again(
+        self, run: Callable[..., tuple[str, str] | None], mutant: dict[str, Any], tests: dict[str, float]
+    ) -> tuple[str, str] | None:
+        """As `run`; a busy machine makes a test fail or take long without any fault, so one has to do it twice."""
+        tried, before = run(mutant, tests), ""
+        while tried and tried[0] in _NOTICED and tried[1] not in ("", before):
+            before, names = tried[1], list(tests)
+            tests = {name: tests[name] for name in names[names.index(before) :]}
+            tried = run(mutant, tests)
+        return tried
 
     def _try(
         self, mutant: dict[str, Any], tests: dict[str, float], *, install: bool = True
@@ -160,6 +165,7 @@ class Judge(Report):
             _part_from_others()
             if install:
                 _install(mutant)
+            self._names = list(tests)
             return None
         os.close(self._say)
         try:
@@ -167,10 +173,9 @@ class Judge(Report):
         finally:
             os.close(reading)
 
-    def _try_anew(self, mutant: dict[str, Any]) -> tuple[str, str]:
+    def _try_anew(self, mutant: dict[str, Any], tests: dict[str, float]) -> tuple[str, str]:
         reading, say = os.pipe()
         os.set_inheritable(say, True)
-        tests = dict(mutant["all"])
         path = Path(self._orders["out"] + ".anew")
         path.write_text(json.dumps({**self._orders, "mutants": None, "run": list(tests), "say": say}))
         child = os.fork()

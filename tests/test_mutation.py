@@ -312,12 +312,15 @@ def test_a_mutant_is_judged_by_its_tests_until_one_notices(tmp_path: Path) -> No
     ("tries", "verdict"),
     [
         (["hung", "hung", "lives"], "hung"),
-        (["hung", "hung", "hung"], "late"),
+        (["hung", "hung", "hung"], "unsure"),
         (["hung", "lives"], "lives"),
-        (["hung", "failed"], "failed"),
+        (["hung", "failed", "lives"], "failed"),
+        (["failed", "failed", "lives"], "failed"),
+        (["failed", "failed", "failed"], "unsure"),
+        (["failed", "lives"], "lives"),
     ],
 )
-def test_what_a_busy_machine_delays_is_not_taken_for_a_mutant_that_hangs(
+def test_what_a_busy_machine_does_is_not_taken_for_what_a_mutant_does(
     tries: list[str], verdict: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = tmp_path / "a.py"
