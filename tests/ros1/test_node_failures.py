@@ -170,11 +170,11 @@ ros1._find_ros()
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.teach import Taught
 from hexwire.ros1 import node
-told = {name: [] for name in ("deleted", "logged", "taught")}
+told = {name: [] for name in ("deleted", "logged", "taught", "followed")}
 node.rospy.delete_param = told["deleted"].append
 node._delete_params(["_rate:=5", "__ns:=left", "joint_states:=js", "_poses:={"])
 handler = node._ToRos()
-note = lambda name, text, said: told["logged"].append([name, said])
+note = lambda name, text, *said: told["logged"].append([name, text % said])
 handler._LEVELS = [(level, partial(note, log.__name__)) for level, log in handler._LEVELS]
 node.rospy.logdebug = partial(note, "logdebug")
 for level in (logging.CRITICAL, logging.ERROR, logging.WARNING, logging.INFO, logging.DEBUG):
@@ -202,6 +202,14 @@ told["progress"] = [
     [state.desired.positions, state.desired.velocities, state.desired.accelerations],
     [state.actual.positions, state.actual.velocities, state.error.positions, state.error.velocities],
 ]
+streams = []
+node.rospy.Subscriber = lambda topic, kind, call, **how: streams.append((topic, call, how))
+front = Made(_arm=Made(controllers=()), _joint_commands=Made(follow=told["followed"].append))
+front._follow = lambda topic, call: call()
+front._on_joint_commands = partial(node.HardwareInterface._on_joint_commands, front)
+node.HardwareInterface._offer_controllers(front)
+for topic, call, how in streams:
+    call([topic, how])
 front = Made(_settings=Made(model=HEX7BOT), _taught=Made(publish=told["taught"].append))
 node.HardwareInterface._publish_taught(front, Taught(("J1",), (0.0, 2.0), ((0.1,), (0.5,))))
 told["taught"] = [
@@ -229,6 +237,8 @@ def test_what_the_node_passes_on_without_a_master(world: World) -> None:
         # A sample that is older than the simulation has its present time, and none has a later one.
         "simulated": [[0.0, 1.5, 0.25, 998.5], 1000.0],
         "progress": [[999.0, ["J1"]], [[0.1], [0.2], [0.3]], [[0.4], [0.5], [-0.3], [-0.3]]],
+        # Of a stream of set-points only the newest counts.
+        "followed": [["joint_commands", {"queue_size": 1, "tcp_nodelay": True}]],
         "taught": [[["J1"], [[0.0, [0.1]], [2.0, [0.5]]]]],
     }
 
