@@ -175,6 +175,13 @@ def test_a_page_lets_the_arm_follow_its_leader_until_it_is_hidden(studio: Runnin
     source = studio.studio.source.arm
     assert source is not None
     studio.until(lambda: source._following is not None, "it follows")
+    # Another page of the studio in between ends nothing, and who comes back can end it.
+    operator.get_by_role("navigation", name="Pages").get_by_role("link", name="Wire", exact=True).click()
+    operator.get_by_role("heading", name="Wire", level=1).wait_for()
+    open_page(operator)
+    expect(part.get_by_role("button", name="End following")).to_be_visible()
+    expect(part.get_by_role("button", name="Follow", exact=True)).to_be_hidden()
+    assert source._following is not None
     assert source.leader is not None
     link: Any = BareServos.of(source.leader.owner.robot).servo_link
     before = studio.goals()[1]

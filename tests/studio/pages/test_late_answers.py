@@ -150,6 +150,22 @@ def test_why_teaching_did_not_end_stays_in_sight(studio: RunningStudio, operator
     _end_teaching(studio)
 
 
+def test_teaching_goes_on_while_its_page_was_left(studio: RunningStudio, operator: Page) -> None:
+    studio.torque()
+    open_page(operator)
+    operator.get_by_role("tab", name="Teach and play").click()
+    operator.get_by_role("checkbox", name="I hold the arm: it will sink").check()
+    operator.get_by_role("button", name="Start teaching").click()
+    note = operator.locator("#arm-teach-note")
+    expect(note).to_contain_text("Teaching for")
+    operator.evaluate("() => { const now = performance.now(); performance.now = () => now + 100_000; }")
+    leave(operator)
+    open_page(operator)
+    expect(note).to_contain_text("Teaching for 10")
+    expect(operator.get_by_role("button", name="End teaching")).to_be_visible()
+    _end_teaching(studio)
+
+
 def test_steps_that_wait_are_not_done_when_their_page_was_left(operator: Page) -> None:
     open_page(operator)
     prepare(operator, speed=30)

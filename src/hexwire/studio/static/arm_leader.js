@@ -11,6 +11,9 @@ import { node, put } from "./widgets.js";
 const NEAR = 1.5; // degrees at which a joint has met the leader's
 const OTHER = "other";
 
+/** @type {Promise<string> | null} */
+let following = null; // the hold: it goes on while another page is looked at
+
 /**
  * @param {ArmPage} page
  * @param {HTMLElement} root
@@ -47,8 +50,6 @@ export function mountLeader(page, root) {
   let leader = null;
   /** @type {Calls["arm.leaders"]["answer"] | null} */
   let found = null;
-  /** @type {Promise<string> | null} */
-  let following = null; // the hold
   end.hidden = true;
 
   const say = (/** @type {string} */ text, level = "") => {
@@ -106,10 +107,14 @@ export function mountLeader(page, root) {
   function begin() {
     const share = page.args.jaws ? { force: Number(force.value) / 100 } : {};
     const mine = (following = hexwire.hold("follow", { speed: page.speed, ...share }, { attended: true }));
+    mine.then(() => following === mine && (following = null));
     say(`The arm follows, at most at ${Math.round(100 * page.speed)} % of its speed limits, while this page is in sight.`);
+    attend(mine);
+  }
+  /** @param {Promise<string>} mine */
+  function attend(mine) {
     draw();
     mine.then((why) => {
-      if (following === mine) following = null;
       draw();
       const fine = why === "released" || why === "ended";
       say(fine ? "The arm holds; the leader still has no torque." : `${capital(why)}. The arm holds.`, fine ? "" : "error");
@@ -154,6 +159,7 @@ export function mountLeader(page, root) {
     }
     draw();
   }, root);
+  if (following) attend(following);
   if (leader === null) {
     say("Move another arm by hand, and this one follows it. Hold the leader before you press Follow: its torque goes off then, and this arm moves slowly to where the leader is.");
     look();

@@ -24,6 +24,8 @@ const FINE = ["arrived", "released", "ended"];
 const SMOOTH = [["0", "as it is"], ["0.1", "0.1 s"], ["0.2", "0.2 s"], ["0.5", "0.5 s"], ["1", "1 s"]];
 const TAUGHT = ""; // of the source: what was taught since this arm was opened
 
+let began = 0; // when the teaching began that goes on, also while another page is looked at; 0: none goes on
+
 /**
  * Teach mode, and the timeline.
  * @param {ArmPage} page
@@ -36,7 +38,6 @@ export function mountTeach(page, root) {
   const stop = page.get("#arm-teach-stop");
   const note = page.get("#arm-teach-note");
   let teaching = false;
-  let began = 0;
 
   const say = (/** @type {string} */ text, level = "") => {
     note.textContent = text;
@@ -44,8 +45,8 @@ export function mountTeach(page, root) {
   };
   const need = () => (start.disabled = !page.mine || !hand.checked);
   page.on("taught", (told) => {
-    if (told.teaching && !teaching) began = performance.now();
     teaching = told.teaching;
+    began = teaching ? began || performance.now() : 0;
     start.hidden = teaching;
     if (hand.parentElement) hand.parentElement.hidden = teaching;
     stop.hidden = !teaching;

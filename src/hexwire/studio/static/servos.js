@@ -6,7 +6,7 @@ import hexwire, { all, required } from "./live.js";
 import { backup, identity, registers } from "./servos_settings.js";
 import { health, ofJoint, overview, stress, wave } from "./servos_checks.js";
 import { calibration, setUp } from "./servos_calibration.js";
-import { View, button, choice, field, form, frames, hint, live, offer, progress, put, row, table } from "./servos_kit.js";
+import { View, Work, button, choice, field, form, frames, hint, live, offer, progress, put, row, table, workAt } from "./servos_kit.js";
 import { fill, html, loadSheet, node, tabs, within } from "./widgets.js";
 
 /** @type {Record<string, [string, import("./servos_kit.js").Part]>} */
@@ -22,6 +22,9 @@ const PARTS = {
   backup: ["Backup", backup],
   whole_arm: ["Set up an arm", setUp],
 };
+
+/** @type {Work<number> | null} */
+let searched = null; // the last search
 
 /**
  * @param {HTMLElement} element
@@ -189,10 +192,21 @@ function buildSearch(view, left) {
   // Its own search is told of beside its bar.
   hexwire.onFacts((facts) => put(doing, (start.hidden ? "" : facts.job) || ""), doing);
 
-  async function search() {
+  const before = workAt(view, searched);
+  if (before?.running) follow(before);
+
+  function search() {
+    follow(searched = new Work(view, view.act("servos.search", { rate: Number(rate.value), ids: ids.value }), null));
+  }
+
+  /**
+   * Show a search that goes on, and then how many servos it has found.
+   * @param {NonNullable<typeof searched>} work
+   */
+  async function follow(work) {
     start.hidden = true;
     cancel.hidden = false;
-    const found = await progress(bar, told, view.act("servos.search", { rate: Number(rate.value), ids: ids.value }));
+    const found = await progress(bar, told, work.over);
     start.hidden = false;
     cancel.hidden = true;
     put(told, found === undefined ? "" : found ? `${found} servo${found === 1 ? "" : "s"} found` : "no servo answers: check power, cable and rate");

@@ -3,10 +3,15 @@
 
 import { download, question } from "./forms.js";
 import hexwire, { all } from "./live.js";
-import { button, choice, chooser, facts, field, form, hint, number, offer, put, row, section, table } from "./servos_kit.js";
+import { Work, button, choice, chooser, facts, field, form, hint, number, offer, put, row, section, table, workAt } from "./servos_kit.js";
 import { fill, html, node } from "./widgets.js";
 
 const LARGEST = 256 * 1024; // bytes of a file
+
+/** @type {Work<Calibration, { arm: string, how: string, needsMiddle: boolean }> | null} */
+let calibrated = null; // the last calibration, measured or loaded
+/** @type {Work<SetUp, { arm: string, role: string }> | null} */
+let looked = null; // the last look of a set-up
 
 /** @type {import("./servos_kit.js").LatePart} */
 export async function calibration(view, place, servo) {
@@ -39,35 +44,49 @@ export async function calibration(view, place, servo) {
   hexwire.onRange(({ rows }) => showRanges(ranges, rows), ranges);
   const found = await view.act("calibration.arms");
   if (found) offer(arm, found.arms).value = found.likely;
+  const before = workAt(view, calibrated);
+  if (before) follow(before);
 
   async function start() {
     if (!(await question("Torque off", "All joints lose their torque, and the arm sinks. Hold it.", "I hold it: torque off"))) return;
     result.replaceChildren();
     const needsMiddle = await view.act("calibration.begin", { arm: arm.value });
     if (needsMiddle === undefined) return;
-    buttons(true, needsMiddle);
-    const made = await view.act("calibration.work");
+    follow(calibrated = new Work(view, view.act("calibration.work"), { arm: arm.value, how: "Calibrated", needsMiddle }));
+  }
+
+  /**
+   * Show a calibration that goes on, and then what came of it.
+   * @param {NonNullable<typeof calibrated>} work
+   */
+  async function follow(work) {
+    const { about } = work;
+    arm.value = about.arm;
+    buttons(work.running, about.needsMiddle);
+    const made = await work.over;
     buttons(false);
-    if (made) show(made, "Calibrated");
+    if (made) show(made, about);
   }
 
   async function markMiddle() {
-    if (await view.act("calibration.middle")) mark.hidden = true;
+    if (!(await view.act("calibration.middle"))) return;
+    if (calibrated) calibrated.about.needsMiddle = false;
+    mark.hidden = true;
   }
 
   /** @param {File} chosen */
   async function load(chosen) {
     if (chosen.size > LARGEST) return hexwire.notify("the file is larger than 256 KiB", "error");
-    const made = await view.send("calibration", chosen, { arm: arm.value, name: chosen.name });
-    if (made) show(made, `Loaded from ${chosen.name}`);
+    const about = { arm: arm.value, how: `Loaded from ${chosen.name}`, needsMiddle: false };
+    const made = await view.send("calibration", chosen, { arm: about.arm, name: chosen.name });
+    if (made) follow(calibrated = new Work(view, Promise.resolve(made), about));
   }
 
   /**
    * @param {Calibration} made
-   * @param {string} how
+   * @param {{ arm: string, how: string }} about
    */
-  function show(made, how) {
-    const chosen = arm.value;
+  function show(made, { arm: chosen, how }) {
     const store = async () => {
       const text = "Offset and limits of every servo are overwritten, and read back.\nIf one fails, all get their old values.";
       if (!(await question("Store in the servos", text, "Store them"))) return;
@@ -120,6 +139,7 @@ export async function setUp(view, place) {
   const arm = choice(), role = choice();
   const begin = button("Look what is connected", () => look(false), { level: "accent" });
   const everywhere = button("Look at every id and rate", () => look(true));
+  const cancel = button("Cancel", () => view.act("servos.cancel"), { offline: true });
   const told = hint("", { role: "status" }), shown = node("div");
   const screen = node("div", { class: "sv-view" }), caption = hint("");
   const drawing = node("div", { hidden: true }, screen, caption);
@@ -129,11 +149,13 @@ export async function setUp(view, place) {
   place.append(
     node("h2", { class: "sv-h2" }, "Set up an arm"),
     ...section("Servo by servo", "New servos all have id 1: connect them one at a time. Each gets its id and rate, and is read back. The servos themselves are asked what is done, so a set-up can be resumed at any time. Nothing moves."),
-    form(field("Arm", arm), field("Leader or follower", role), begin, everywhere), told, drawing, shown);
+    form(field("Arm", arm), field("Leader or follower", role), begin, everywhere, cancel), told, drawing, shown);
+  cancel.hidden = true;
   // What is shown was about another arm.
   const renew = () => {
     begun = false;
     turn += 1;
+    if (!looked?.running) looked = null;
     drawing.hidden = true;
     shown.replaceChildren();
   };
@@ -144,21 +166,36 @@ export async function setUp(view, place) {
     offer(arm, found.arms);
     offer(role, found.roles);
   }
+  const before = workAt(view, looked);
+  if (before) follow(before);
 
   /** @param {boolean} all whether at every id and rate */
   async function look(all) {
-    const mine = turn;
-    begin.hidden = everywhere.hidden = true;
+    const about = { arm: arm.value, role: role.value };
+    follow(looked = new Work(view, view.act("set_up.look", { ...about, again: begun, everywhere: all }), about));
+  }
+
+  /**
+   * Show a look that goes on, and then what it has found.
+   * @param {NonNullable<typeof looked>} work
+   */
+  async function follow(work) {
+    const mine = turn, { running } = work;
+    arm.value = work.about.arm;
+    role.value = work.about.role;
+    begin.hidden = everywhere.hidden = running;
+    cancel.hidden = !running;
     const end = hexwire.onFacts(({ job }) => job && put(told, job), told);
-    const step = await view.act("set_up.look", { arm: arm.value, role: role.value, again: begun, everywhere: all });
+    const step = await work.over;
     end();
     put(told, "");
     begin.hidden = everywhere.hidden = false;
+    cancel.hidden = true;
     // Another arm may have been chosen meanwhile.
     if (step === undefined || mine !== turn) return;
     begun = true;
     draw(step);
-    view.relist();
+    if (running) view.relist();
   }
 
   /** @param {string} joint */

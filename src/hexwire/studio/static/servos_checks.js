@@ -3,7 +3,7 @@
 import { question } from "./forms.js";
 import hexwire, { all } from "./live.js";
 import { Plot } from "./plot.js";
-import { button, choice, facts, field, form, frames, hint, live, number, numeric, progress, put, row, section, table, valueOf } from "./servos_kit.js";
+import { Work, button, choice, facts, field, form, frames, hint, live, number, numeric, progress, put, row, section, table, valueOf, workAt } from "./servos_kit.js";
 import { fill, html, node, whyOf } from "./widgets.js";
 
 /**
@@ -20,6 +20,9 @@ const FRAMES = [
   ["temperature", "Temperature", "°C"], ["current", "Current", "A"], ["flags", "Faults", ""],
 ];
 const WORST = 1000; // ms between two looks at the worst of ten minutes
+
+/** @type {Work<Calls["stress.run"]["answer"]> | null} */
+let tested = null; // the last stress test
 
 // -- overview ----------------------------------------------------------------------------------------------------
 
@@ -143,11 +146,22 @@ export function stress(view, place, servo) {
     ...section("Stress test", "Reads positions as fast as the line allows. Missing values name the servo whose cable or supply is weak."),
     form(field("Servos", who), field("Reads", count), start, cancel), bar, result);
 
-  async function run() {
-    start.hidden = true;
-    cancel.hidden = false;
-    const asked = view.act("stress.run", { count: valueOf(count), servos: who.value === "all" ? null : [servo] });
-    const test = await progress(bar, null, asked);
+  const before = workAt(view, tested);
+  if (before) follow(before);
+
+  function run() {
+    const over = view.act("stress.run", { count: valueOf(count), servos: who.value === "all" ? null : [servo] });
+    follow(tested = new Work(view, over, null));
+  }
+
+  /**
+   * Show a test that goes on, and then what it has found.
+   * @param {NonNullable<typeof tested>} work
+   */
+  async function follow(work) {
+    start.hidden = work.running;
+    cancel.hidden = !work.running;
+    const test = await (work.running ? progress(bar, null, work.over) : work.over);
     start.hidden = false;
     cancel.hidden = true;
     if (!test?.bins.length) return;

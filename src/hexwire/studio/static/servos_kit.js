@@ -74,6 +74,33 @@ export class View {
 }
 
 /**
+ * What was begun here, and goes on while another part or page is looked at: whoever draws its part again finds it here.
+ * @template T, [A=null]
+ */
+export class Work {
+  running = true;
+
+  /**
+   * @param {View} view
+   * @param {Promise<T | undefined>} over
+   * @param {A} about
+   */
+  constructor(view, over, about) {
+    this.opened = view.opened;
+    this.about = about;
+    this.over = over.finally(() => (this.running = false));
+  }
+}
+
+/**
+ * That at the bus that is shown; what was begun at another one is over.
+ * @template {Work<any, any>} W
+ * @param {View} view
+ * @param {W | null} work
+ */
+export const workAt = (view, work) => (work?.opened === view.opened ? work : null);
+
+/**
  * A button. `late`: it ends something, so it can always be pressed; `offline`: also while nobody knows how the servos are.
  * @param {string} words
  * @param {(made: HTMLButtonElement) => unknown} act
