@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from tests.studio.running import until
+from tests.studio.running import PATIENCE, until
 
 from hexwire.bus.live_values import LiveValues
 from hexwire.bus.setup import scan
@@ -163,12 +163,15 @@ def test_a_stop_that_comes_after_a_resume_was_asked_for_stays(bus: BusSource) ->
     assert bus.facts()["stopped"] == ""
 
 
-def test_a_line_that_is_lost_is_opened_again(bus: BusSource) -> None:
+def test_a_line_that_is_lost_is_opened_again(bus: BusSource, monkeypatch: pytest.MonkeyPatch) -> None:
     until(lambda: bus.live, "live values")
+    plugged, reopen = threading.Event(), bus.bus.open
+    monkeypatch.setattr(bus.bus, "open", lambda: plugged.wait(PATIENCE) and reopen())
     bus.bus.link.close()
     until(lambda: bus.error, "the loss is seen")
     assert bus.facts()["connected"] is False
     bus.live = {}
+    plugged.set()
     until(lambda: bus.live and not bus.error, "values after the return")
     assert bus.bus.link.is_open
 

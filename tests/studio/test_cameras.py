@@ -90,19 +90,20 @@ def test_one_that_is_unplugged_or_stalls_is_told_in_words_and_opened_again(fake:
 
 
 def test_one_that_sends_too_many_is_thinned_out_and_whoever_fails_harms_nobody(
-    fake: FakeCamera, caplog: pytest.LogCaptureFixture
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     def fails(picture: CameraPicture | None, why: str) -> None:
         raise ZeroDivisionError
 
-    looker = Looker()
-    fake.camera.look(fails)
+    fake, looker = FakeCamera(), Looker()
+    for call in (fails, looker):
+        fake.camera.look(call)
     for at in range(90):
         fake.put(stamp=100.0 + at / 30)
     # Its clock begins anew.
     fake.put(stamp=1.0)
-    fake.camera.look(looker)
     eventually(lambda: looker.pictures and looker.pictures[-1].stamp == 1.0)
+    fake.camera.close()
     assert len(looker.pictures) <= 46
     assert "could not be passed on" in caplog.text
 

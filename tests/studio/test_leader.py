@@ -152,8 +152,9 @@ def test_following_ends_with_control_a_stop_its_leader_or_another_motion(desk: D
         desk.call("torque", on=True)
         entry = desk.follow(speed=0.5, force=0.5)
         until(lambda: "follower" in arm.facts()["note"], f"it follows, {why}")
-        assert arm.leader is not None
-        assert arm.leader.row()["torque"] == "off"
+        leader = arm.leader
+        assert leader is not None
+        until(lambda leader=leader: leader.row()["torque"] == "off", "a leader without torque")  # type: ignore[misc]
         end()
         until(lambda: arm._following is None, f"the end: {why}")
         assert why in entry.ended

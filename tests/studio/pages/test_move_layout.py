@@ -85,10 +85,11 @@ def test_a_phone_shows_one_part_below_the_arm(move: Page) -> None:
     assert view["height"] <= PHONE["height"] / 3
     for part in PARTS:
         move.get_by_role("tab", name=part, exact=True).click()
+        for other, its in PARTS.items():
+            # Poses are loaded when they are seen.
+            expect(move.get_by_role("button", name=its, exact=True)).to_be_visible(visible=other == part)
         assert move.evaluate("document.documentElement.scrollWidth") == PHONE["width"], part
         assert not move.evaluate(_SMALL, FINGER), part
-        for other, its in PARTS.items():
-            assert move.get_by_role("button", name=its, exact=True).is_visible() is (other == part), (part, other)
     move.get_by_role("tab", name="Go to", exact=True).click()
     for selector in ("#arm-view canvas", "#arm-go", "#hw-stop"):
         assert in_sight(move, selector), selector
@@ -117,6 +118,8 @@ def test_names_of_joints_that_are_long_have_room(served: RunningStudio, blank: P
         blank.goto(served.operate_url.replace("/?", "/move?"))
         ready(blank)
         wide = "(rows) => rows.filter((row) => row.scrollWidth > row.clientWidth + 1).map((row) => row.textContent)"
-        assert blank.locator(".arm-joints tbody th").evaluate_all(wide) == []
+        names = blank.locator(".arm-joints tbody th")
+        names.first.wait_for()
+        assert names.evaluate_all(wide) == []
     finally:
         served.studio.source.close()
