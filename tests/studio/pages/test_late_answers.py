@@ -65,7 +65,8 @@ def leave(page: Page, name: str = "Signals") -> None:
 
 
 def _end_teaching(studio: RunningStudio) -> None:
-    with pytest.raises(UsageError, match="no joint moved"):
+    # For no joint has moved, or on a busy machine for no state has come.
+    with pytest.raises(UsageError, match="nothing was recorded"):
         studio.arm.teach_stop()
 
 
