@@ -147,7 +147,7 @@ class Program:
         for i in range(times):
             if i:
                 goal.client.send_goal(control_msgs().FollowJointTrajectoryGoal())
-            ended = goal.client.wait_for_result(rospy.Duration.from_sec(5.0))
+            ended = goal.client.wait_for_result(rospy.Duration.from_sec(PATIENCE))
             state = actionlib.GoalStatus.to_string(goal.client.get_state()) if ended else "LOST"
             states[state] = states.get(state, 0) + 1
         return states

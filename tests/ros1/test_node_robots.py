@@ -66,8 +66,11 @@ def test_gains_go_to_a_controller_that_obeys_them(world: World) -> None:
         what = {"name": ["J1", "J5"], "position": [here["J1"] + 0.1, here["J5"] + 0.1]}
         gains = {"kp_position": [8.0, 8.0], "kd_position": [1.5, 1.5]}
         arm.client.joint_commands(topic="/gains/joint_commands", times=101, **what, **gains)
-        sent = [each for each in served.robot.executed if isinstance(each, JointCommands)]
-        assert sent
+
+        def commands() -> list[JointCommands]:
+            return [each for each in list(served.robot.executed) if isinstance(each, JointCommands)]
+
+        sent = until(lambda: commands() or None, "they come", node.report)
         assert {(each.name, each.kp_position, each.kd_position) for each in sent} == {
             (("J1", "J5"), (8.0, 8.0), (1.5, 1.5))
         }

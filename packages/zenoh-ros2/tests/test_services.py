@@ -23,7 +23,7 @@ ECHO_KEY = f"0/echo/tiny_msgs::srv::dds_::Echo_/{HASH}"
 def test_a_service_answers_the_client_that_asked(make_node: Callable[..., Node]) -> None:
     make_node("server").service("echo", ECHO, lambda request: Text(request.data.upper()))
     client = make_node("client").client("echo", ECHO)
-    assert client.wait_for_service(10)
+    assert client.wait_for_service(30)
     assert client.call(Text("hello"), 30) == Text("HELLO")
 
 
@@ -59,7 +59,7 @@ def test_answers_of_twenty_clients_are_never_crossed(make_node: Callable[..., No
     make_node("server").service("echo", ECHO, later)
     node = make_node("client")
     clients = [node.client("echo", ECHO) for _ in range(20)]
-    assert all(client.wait_for_service(10) for client in clients)
+    assert all(client.wait_for_service(30) for client in clients)
     answers: dict[int, Text] = {}
 
     def ask(number: int) -> None:
@@ -82,7 +82,7 @@ def test_a_burst_of_requests_waits_for_a_slow_callback(make_node: Callable[..., 
 
     service = make_node("server").service("echo", ECHO, slow)
     client = make_node("client").client("echo", ECHO)
-    assert client.wait_for_service(10)
+    assert client.wait_for_service(30)
     answers: set[str] = set()
     threads = [
         threading.Thread(target=lambda i=i: answers.add(client.call(Text(str(i)), 30).data))  # type: ignore[misc]
@@ -105,7 +105,7 @@ def test_a_service_that_fails_gives_no_answer_and_goes_on(make_node: Callable[..
 
     make_node("server").service("echo", ECHO, answer)
     client = make_node("client").client("echo", ECHO)
-    assert client.wait_for_service(10)
+    assert client.wait_for_service(30)
     with pytest.raises(ServiceTimeoutError, match="/echo"):
         client.call(Text("bad"), 30)
     assert client.call(Text("good"), 30) == Text("good")
@@ -114,7 +114,7 @@ def test_a_service_that_fails_gives_no_answer_and_goes_on(make_node: Callable[..
 def test_requests_of_a_client_that_has_ended_are_forgotten(make_node: Callable[..., Node]) -> None:
     service = make_node("server").service("echo", ECHO, lambda request: Deferred())
     client = make_node("client").client("echo", ECHO)
-    assert client.wait_for_service(10)
+    assert client.wait_for_service(30)
     with pytest.raises(ServiceTimeoutError):
         client.call(Text("x"), 1)
     eventually(lambda: service.pending == 1)
