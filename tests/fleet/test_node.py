@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -93,6 +96,47 @@ def test_an_inbox_gives_what_is_published_to_the_thread_that_waits(runtime: Path
     finally:
         client.close()
         server.close()
+
+
+# -- samples that wait for Zenoh's thread -------------------------------------------------------------------
+
+
+def _let_little_wait_in_sockets() -> None:
+    """A Unix socket takes but a few samples until it is read: as if Zenoh's thread got no processor."""
+    for path in Path("/proc/self/fd").iterdir():
+        with contextlib.suppress(FileNotFoundError):  # it has just been closed
+            if str(path.readlink()).startswith("socket:"):
+                with socket.socket(fileno=os.dup(int(path.name))) as end:
+                    if end.family == socket.AF_UNIX:
+                        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1)
+
+
+def test_a_burst_of_samples_waits_and_nothing_of_it_is_lost(runtime: Path) -> None:
+    way = endpoints_of([local_socket("a")])
+    server, client = Network(listen=way).open(wait=False), Network(connect=way).open()
+    begun, reads, taken = threading.Event(), threading.Event(), list[bytes]()
+
+    def take(payload: bytes) -> None:
+        begun.set()
+        reads.wait(PATIENCE)
+        taken.append(payload)
+
+    client.take_at_once("hexwire/a/state", take)
+    put = server.publisher("hexwire/a/state")
+    eventually(lambda: put.is_wanted)
+    _let_little_wait_in_sockets()
+    # States of seven joints, 0.6 s of them.
+    sent = [bytes([number]) * 650 for number in range(60)]
+    put(sent[0])
+    assert begun.wait(PATIENCE)
+    for payload in sent[1:]:
+        put(payload)
+    reads.set()
+    # What would be lost is lost by then.
+    eventually(lambda: (put(b"end"), b"end" in taken)[1])
+    assert taken[: taken.index(b"end")] == sent
+    client.close()
+    server.close()
 
 
 # -- programs that take nothing ----------------------------------------------------------------------------

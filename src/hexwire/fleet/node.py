@@ -389,17 +389,23 @@ class Node:
         return Inbox(subscriber, wake, zenoh.ZError)
 
     def publisher(self, key: str, **options: Any) -> Publisher:
-        """What publishes under a key. A slow receiver never delays it; what cannot be delivered is dropped."""
+        """What publishes under a key. A slow receiver never delays it; what cannot be delivered is dropped.
+
+        Zenoh has two places of 48 KB or more for each receiver. What waits there shares them: more than 100 states.
+        With `express` each would take a place of its own, and the third of a burst would be dropped where Zenoh's
+        thread gets no processor for 1 ms.
+        """
         zenoh = self._zenoh
         how = (zenoh.CongestionControl.DROP, zenoh.Priority.INTERACTIVE_HIGH, zenoh.Reliability.BEST_EFFORT)
-        return self._publisher(key, *how, **options)
+        return self._publisher(key, *how, express=False, **options)
 
     def publisher_in_order(self, key: str) -> Publisher:
         """What publishes under a key in one order with the questions of this session, and waits as they do."""
         zenoh = self._zenoh
         # As questions: what is dropped here without a word would leave the arm short of the last set-point. Each
         # priority has a queue of its own.
-        return self._publisher(key, zenoh.CongestionControl.BLOCK, zenoh.Priority.DATA, zenoh.Reliability.RELIABLE)
+        how = (zenoh.CongestionControl.BLOCK, zenoh.Priority.DATA, zenoh.Reliability.RELIABLE)
+        return self._publisher(key, *how, express=True)
 
     def _publisher(self, key: str, congestion: Any, priority: Any, reliability: Any, **options: Any) -> Publisher:
         publisher = self._session.declare_publisher(
@@ -407,7 +413,6 @@ class Node:
             **options,
             congestion_control=congestion,
             priority=priority,
-            express=True,
             reliability=reliability,
         )
         return Publisher(publisher, self._zenoh)
