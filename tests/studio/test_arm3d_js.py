@@ -227,6 +227,37 @@ def test_keys_and_wheel_move_the_camera_and_leave_the_rest_alone(blank: Page) ->
     assert blank.evaluate("document.activeElement.textContent") == "other"
 
 
+def test_the_camera_follows_an_arm_that_leaves_the_picture_until_somebody_turns_it(blank: Page) -> None:
+    show(blank, SO101)
+    furthest = """() => {
+      const { frames } = view._arm, place = frames[0].position.clone();
+      view._camera.updateMatrixWorld();
+      return Math.max(...frames.flatMap((one) => {
+        const { x, y } = one.getWorldPosition(place).project(view._camera);
+        return [Math.abs(x), Math.abs(y)];
+      }));
+    }"""
+    pose = "(joints) => view.setJoints(joints, view.geometry.joints.map(() => true))"
+    folded = {"shoulder_lift": -1.65, "elbow_flex": 1.5, "wrist_flex": 0.85}
+    stretched = {"shoulder_lift": 0.9, "elbow_flex": -1.4, "wrist_flex": 0.0}
+    zeros = dict.fromkeys(SO101.names, 0.0)
+    blank.evaluate(pose, zeros | folded)
+    before = blank.evaluate("view._camera.position.toArray()")
+    blank.evaluate(pose, zeros | {"shoulder_lift": -1.6, "elbow_flex": 1.5, "wrist_flex": 0.85})
+    assert blank.evaluate("view._camera.position.toArray()") == before
+    blank.evaluate(pose, zeros | stretched)
+    assert blank.evaluate("view._camera.position.toArray()") != before
+    assert blank.evaluate(furthest) <= 0.95
+    blank.locator("#view canvas").press("ArrowLeft")
+    for _ in range(9):
+        blank.locator("#view canvas").press("+")
+    mine = blank.evaluate("view._camera.position.toArray()")
+    blank.evaluate(pose, zeros | folded)
+    blank.evaluate(pose, zeros | stretched)
+    assert blank.evaluate(furthest) > 1.0
+    assert blank.evaluate("view._camera.position.toArray()") == mine
+
+
 PLACES = """(() => {
   const box = document.querySelector("canvas").getBoundingClientRect();
   return view._arm.bodies.filter(Boolean).map((body) => {

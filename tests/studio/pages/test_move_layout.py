@@ -1,4 +1,4 @@
-"""What of the page Move is in sight: at a desk all that moves the arm every day, on a phone one part at a time."""
+"""What is in sight: at a desk all of Move that moves the arm every day, on a phone one part of it at a time."""
 
 from __future__ import annotations
 
@@ -69,10 +69,15 @@ def test_all_that_moves_the_arm_every_day_is_in_sight_at_a_desk(move: Page) -> N
     move.locator('#arm-goto input[value="place"]').check()
     move.locator('select[name="aim"]').select_option("rpy")
     assert in_sight(move, "#arm-go")
-    # Nor is an axis below the others in a narrower window.
-    move.set_viewport_size({"width": 1280, "height": 800})
-    rows = move.locator(".arm-axes, #arm-grip").evaluate_all("(rows) => rows.map((row) => row.clientHeight)")
-    assert max(rows) < 40
+    # Nor is an axis below the others in a narrower window, nor Go in a lower one.
+    for width, height in ((1280, 800), (1280, 720), (1024, 768)):
+        move.set_viewport_size({"width": width, "height": height})
+        rows = move.locator(".arm-axes, #arm-grip").evaluate_all("(rows) => rows.map((row) => row.clientHeight)")
+        assert max(rows) < 40, width
+        for aim in ("arm", "rpy"):
+            move.locator('select[name="aim"]').select_option(aim)
+            for selector in ("#arm-view canvas", last, '[data-axis="5"][data-turn="1"]', "#arm-go"):
+                assert in_sight(move, selector), (width, height, aim, selector)
     # At a desk there is nothing to choose.
     assert not move.locator(".arm-parts").is_visible()
 
@@ -123,3 +128,20 @@ def test_names_of_joints_that_are_long_have_room(served: RunningStudio, blank: P
         assert names.evaluate_all(wide) == []
     finally:
         served.studio.source.close()
+
+
+@pytest.mark.slow
+def test_on_a_phone_plots_and_the_chosen_servo_are_in_sight(move: Page) -> None:
+    move.set_viewport_size(PHONE)
+    pages = move.get_by_role("navigation", name="Pages")
+    pages.get_by_role("link", name="Signals", exact=True).click()
+    move.locator(".uplot").first.wait_for()
+    assert in_sight(move, ".hx-plot-bar select")
+    top = move.locator(".uplot").first.evaluate("(one) => one.getBoundingClientRect().top")
+    assert top < PHONE["height"] / 3
+    pages.get_by_role("link", name="Servos", exact=True).click()
+    move.get_by_role("button", name="J5, servo 4").click()
+    move.get_by_role("heading", name="J5, servo 4").wait_for()
+    assert in_sight(move, '.sv-right [role="tab"][data-part="registers"]')
+    assert in_sight(move, ".sv-part h2")
+    assert in_sight(move, "#hw-stop")

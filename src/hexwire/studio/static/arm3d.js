@@ -17,7 +17,8 @@ metres.
   view.trace(points | null)          a line through points, [[x, y, z], ...] or a flat Float32Array, metres
   view.tip()                         {position, quaternion} of the drawn arm's tip
   view.setTheme("light" | "dark" | "auto")
-  view.resetView("home" | "front" | "side" | "top" | "tip")
+  view.resetView("home" | "front" | "side" | "top" | "tip")   but for "tip" the camera follows an arm that leaves the
+                                     picture, until somebody turns it
   view.lookAt([x, y, z])             turns about this place from now on; a double click does it with a joint
   view.resize()                      only needed where ResizeObserver does not notice
   view.dispose()
@@ -47,6 +48,7 @@ const LOOKS = {
 };
 const LABEL = "3D view of the arm. Arrow keys turn it, Shift and arrow keys move it, plus and minus zoom, 0 resets.";
 const SOFTWARE_PAUSE = 60, STILL = 250;
+const EDGE = 0.85; // share of the half picture beyond which joints are about to leave it
 /** @type {Record<string, number[]>} */
 const VIEWS = { home: [0.95, -1.25, 0.62], front: [1, 0, 0.12], side: [0, -1, 0.08], top: [-0.001, 0, 1] };
 
@@ -71,6 +73,8 @@ export class Arm3D {
   _wanted = "auto";
   _seen = false;
   _sized = false;
+  _from = ""; // the view that the camera has; empty once somebody has turned it
+  _room = EDGE; // of that view
   _ownTip = false;
   _tipWanted = false;
   _pause = 0; // ms between two pictures
@@ -131,7 +135,20 @@ export class Arm3D {
     if (!this._seen && known?.some(Boolean)) {
       this._seen = true;
       this.resetView();
-    }
+    } else if (moved && this._from && this._extent(this._arm) > this._room) this.resetView(this._from);
+  }
+
+  /**
+   * How far from the middle of the picture a joint or the tip is, as a share of the way to its edge.
+   * @param {Figure} arm
+   */
+  _extent(arm) {
+    const place = new THREE.Vector3();
+    this._camera.updateMatrixWorld();
+    return Math.max(...arm.frames.map((frame) => {
+      frame.getWorldPosition(place).project(this._camera);
+      return Math.max(Math.abs(place.x), Math.abs(place.y));
+    }));
   }
 
   /**
@@ -268,6 +285,9 @@ export class Arm3D {
     this._controls.target.set(...aim);
     this._camera.position.set(...aim).addScaledVector(way, far);
     this._controls.update();
+    this._from = name;
+    // An arm that fills the picture is near its edge already.
+    this._room = Math.max(EDGE, this._extent(this._arm) + 0.04);
     this._change();
   }
 
@@ -277,6 +297,7 @@ export class Arm3D {
    */
   lookAt(place, far = null) {
     if (!this.available) return;
+    this._from = "";
     const { target } = this._controls, way = this._camera.position.clone().sub(target);
     if (far !== null) way.setLength(far);
     target.fromArray(place);
@@ -380,6 +401,7 @@ export class Arm3D {
     // On a phone the view is as wide as the page, which must still scroll.
     canvas.style.touchAction = "pan-y";
     controls.addEventListener("change", () => this._change());
+    controls.addEventListener("start", () => (this._from = ""));
     this._sky = new THREE.HemisphereLight();
     this._key = new THREE.DirectionalLight();
     this._key.position.set(0.5, -0.75, 1.5);
@@ -641,6 +663,7 @@ export class Arm3D {
    * @param {boolean} moves
    */
   _step(x, y, moves) {
+    this._from = "";
     const target = this._controls.target;
     const arm = this._camera.position.clone().sub(target);
     if (moves) {
@@ -663,6 +686,7 @@ export class Arm3D {
 
   /** @param {number} by */
   _zoom(by) {
+    this._from = "";
     const target = this._controls.target, arm = this._camera.position.clone().sub(target);
     arm.clampLength(this._controls.minDistance, this._controls.maxDistance).multiplyScalar(by);
     this._camera.position.copy(target).add(arm);

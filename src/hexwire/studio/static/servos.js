@@ -90,11 +90,12 @@ async function board(element, facts) {
   const picks = all(list, ".sv-pick");
   /** @type {(i: number, words: string, level: string) => void} */
   const tell = (i, words, level) => put(required(list, `[data-told="${i}"]`), `, ${words}`, level);
-  const select = (/** @type {number} */ at) => {
+  const select = (/** @type {number} */ at, shows = true) => {
     view.joint = { ...found.joints[at], i: at };
     view.selected = view.joint.servo;
     picks.forEach((pick, i) => pick.setAttribute("aria-pressed", String(i === at)));
     view.redraw();
+    if (shows) reveal(right);
   };
   picks.forEach((pick, i) => pick.addEventListener("click", () => select(i)));
   const ask = async () => {
@@ -123,7 +124,7 @@ async function board(element, facts) {
   }
   const kept = !found.bare && hexwire.operates;
   buildParts(view, right, kept ? ["joint", "registers", "health", "backup"] : ["joint", "health"]);
-  select(0);
+  select(0, false);
   ask();
 }
 
@@ -136,6 +137,14 @@ function columns(element) {
   return { left, right, both };
 }
 
+/**
+ * On a phone the chosen servo is below the list: go there.
+ * @param {HTMLElement} right
+ */
+function reveal(right) {
+  if (matchMedia("(max-width: 800px)").matches) right.scrollIntoView();
+}
+
 // -- a bus -------------------------------------------------------------------------------------------------------
 
 /**
@@ -145,7 +154,7 @@ function columns(element) {
 async function workbench(element, facts) {
   const view = new View(facts.opened);
   const { left, right, both } = columns(element);
-  buildSearch(view, left);
+  buildSearch(view, left, right);
   buildParts(view, right, Object.keys(PARTS).filter((name) => name !== "joint"));
   silenced(both);
   hexwire.onServos(({ rows }) => rows.forEach((one) => view.live.set(one.id, one)), both);
@@ -176,8 +185,9 @@ function silenced(page) {
 /**
  * @param {View} view
  * @param {HTMLElement} left
+ * @param {HTMLElement} right
  */
-function buildSearch(view, left) {
+function buildSearch(view, left, right) {
   const rate = choice(), ids = node("input", { value: "0-253", maxlength: 60 });
   const start = button("Search", search, { level: "accent" });
   const cancel = button("Cancel", () => view.act("servos.cancel"), { offline: true });
@@ -237,6 +247,7 @@ function buildSearch(view, left) {
     } else if ((await view.act("servos.rate", { baud: value })) === undefined) return;
     else await view.relist();
     view.redraw();
+    if (pressed.dataset.do === "select") reveal(right);
   });
 }
 
