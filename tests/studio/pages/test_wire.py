@@ -130,6 +130,17 @@ def test_a_thousand_frames_a_second_are_few_elements(wire: Page, studio: Running
     assert wire.locator(".hw-wire-row").count() < 100
 
 
+def test_frames_have_the_room_until_one_is_selected(wire: Page) -> None:
+    share = """() => document.querySelector(".hw-wire-left").clientWidth
+        / document.querySelector(".hw-wire-panes").clientWidth"""
+    wire.wait_for_function(
+        f"document.querySelectorAll('.hw-wire-row:not([hidden])').length > 5 && ({share})() > 0.7"
+    )
+    wire.locator(".hw-wire-row:not([hidden])").first.dispatch_event("pointerdown")
+    wire.locator(".hw-wire-row:not([hidden])").first.dispatch_event("click")
+    wire.wait_for_function(f"({share})() < 0.6")
+
+
 def test_a_press_on_a_frame_selects_it_although_the_list_moves_on(wire: Page) -> None:
     rows = ".hw-wire-row:not([hidden])"
     wire.wait_for_function(f"document.querySelectorAll('{rows}').length > 20")
