@@ -37,13 +37,13 @@ def so101() -> Iterator[Planner]:
     arm = ControlledArm(driver, settings)
     arm.connect()
     arm.owner.turn()
-    yield Planner(arm)
+    yield arm.planner
     arm.shutdown()
 
 
 @pytest.fixture
 def planner(bench: Bench) -> Planner:
-    return Planner(bench.arm)
+    return bench.arm.planner
 
 
 def test_joints_go_where_they_are_sent_and_the_others_stay(bench: Bench, planner: Planner) -> None:
@@ -146,7 +146,7 @@ def test_a_straight_line_is_straight(planner: Planner) -> None:
 
 
 def test_without_geometry_there_is_no_place() -> None:
-    planner = Planner(make_bench().arm)
+    planner = make_bench().arm.planner
     planner._kinematics = None
     with pytest.raises(UsageError, match="no geometry is known"):
         planner.to_place(Place(AHEAD))
@@ -215,9 +215,9 @@ def test_teach_mode_keeps_the_arm_from_moving(bench: Bench, planner: Planner) ->
 
 def test_a_joint_whose_position_is_unknown_is_named(bench: Bench, planner: Planner) -> None:
     fresh = make_bench(on=False, faults=("silent:1",))
-    plan = Planner(fresh.arm).to_joints({"J2": HOME["J2"] + 0.1})
+    plan = fresh.arm.planner.to_joints({"J2": HOME["J2"] + 0.1})
     assert "the position of J2 is unknown" in plan.refusal
-    assert "the position of J2" in Planner(fresh.arm).to_place(Place(AHEAD)).refusal
+    assert "the position of J2" in fresh.arm.planner.to_place(Place(AHEAD)).refusal
 
 
 def test_the_goal_that_is_sent_keeps_to_the_path(planner: Planner) -> None:

@@ -20,7 +20,6 @@ from hexwire.drivers.abilities import Counters
 from hexwire.drivers.values import StopMode
 from hexwire.errors import GoalError, HexwireError, UsageError
 from hexwire.motion.set_point_generator import Mode
-from hexwire.motion.teach import approach
 from hexwire.trace.chapter_log import format_positions
 
 from ..loop.controller import TrajectoryController
@@ -32,6 +31,7 @@ from ..motion.motion_run import MotionRun
 from ..motion.path_check import PathCheck
 from .diagnostics import RobotFacts
 from .pose_file import find_pose
+from .preview import Planner
 from .teach_mode import TeachMode
 
 if TYPE_CHECKING:
@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from ..loop.outcomes import GoalListener
     from ..loop.plan import Plan
     from ..motion.goals import Tolerances, TrajectoryGoal
+    from .preview import Preview
     from .settings import Settings
 
 __all__ = ["ControlledArm", "logging_states"]
@@ -104,7 +105,10 @@ class ControlledArm:
         owner: The owner of the robot.
         controllers: By name; a single one has the empty name.
         teach_mode: Teach mode, and the last taught motion.
+        planner: Plans motions; made by `connect`.
     """
+
+    planner: Planner
 
     def __init__(
         self,
@@ -159,6 +163,7 @@ class ControlledArm:
             )
             for row in settings.controllers
         }
+        self.planner = Planner(owner, settings, self.controllers, self.teach_mode.hand.refuse)
 
     def start(self) -> None:
         """Start reading states and accepting motions."""
@@ -440,8 +445,15 @@ class ControlledArm:
         """
         asked = self.mark() if asked is None else asked
         goals = find_pose(self.settings.model, self.settings.poses, pose)
+        if lost := [name for name in goals if name not in self._all_joints()]:
+            raise UsageError(f"no controller moves {', '.join(lost)}; there are {', '.join(self._all_joints())}")
         with self._alone():
-            off = self._move_to(goals, f"replaced by a motion to {pose}", asked)
+            off = self._carry_out(
+                lambda: self.planner.to_joints(goals, speed=self.settings.pose_speed),
+                f"a motion to {pose}",
+                asked,
+                *goals,
+            )
         return ", ".join((f"at {pose}", *off))
 
     def teach_start(self, asked: Token | None = None) -> str:
@@ -483,9 +495,12 @@ class ControlledArm:
         if taught is None:
             raise UsageError("nothing was taught since the start")
         with self._alone():
-            first = dict(zip(taught.names, taught.rows[0], strict=True))
-            self._move_to(first, "replaced by the taught motion", asked)
-            off = self._run({key: taught.part(c.joints).trajectory() for key, c in self.controllers.items()}, asked)
+            off = self._carry_out(
+                lambda: self.planner.along(taught, speed=self.settings.pose_speed),
+                "the taught motion",
+                asked,
+                *taught.names,
+            )
         return ", ".join((f"played {taught.duration:.1f} s", *off))
 
     # -- diagnostics ----------------------------------------------------------------------------------
@@ -550,48 +565,27 @@ class ControlledArm:
     def _all_joints(self) -> tuple[str, ...]:
         return tuple(name for controller in self.controllers.values() for name in controller.joints)
 
-    def _move_to(self, goals: Mapping[str, float], why: str, asked: Token) -> tuple[str, ...]:
-        """Hold, then move slowly to positions, and wait for the arrival; returns as `_run`."""
-        lost = [name for name in goals if name not in self._all_joints()]
-        if lost:
-            raise UsageError(f"no controller moves {', '.join(lost)}; there are {', '.join(self._all_joints())}")
-        paths: dict[str, Trajectory] = {}
-        with self.owner.locked():
-            self.teach_mode.hand.refuse()
-            self._refuse_void(asked)
-            state, now = self.owner.newest(), self.owner.now()
-            for key, controller in self.controllers.items():
-                joints = controller.joints
-                if not any(name in goals for name in joints):
-                    continue
-                controller.hold(why)
-                here = controller.rest(state, now).position
-                there = [goals.get(name, angle) for name, angle in zip(joints, here, strict=True)]
-                paths[key] = approach(self.settings.model, joints, here, there, speed=self.settings.pose_speed)
-        self.owner.group.deliver()
-        return self._run(paths, asked)
+    def _carry_out(self, plan: Callable[[], Preview], title: str, asked: Token, *joints: str) -> tuple[str, ...]:
+        """Hold, plan a motion of some joints from there, follow it, and wait for its end.
 
-    def _run(self, paths: Mapping[str, Trajectory], asked: Token) -> tuple[str, ...]:
-        """Check and follow trajectories, one per controller, to their end; returns how far off joints are then."""
-        owner = self.owner
-        state = owner.newest()
-        with owner.locked():
-            others = self._meanwhile(paths, owner.now())
-        for key, path in paths.items():
-            meanwhile = [*others, *(other for other in paths.values() if other is not path)]
-            self.controllers[key].check_path(path, state, meanwhile)
-        run = MotionRun(owner, self.controllers.values())
+        Returns:
+            How far off joints are then.
+        """
+        self.teach_mode.hand.refuse()
+        self._refuse_void(asked)
+        for name, controller in self.controllers.items():
+            if not set(joints).isdisjoint(controller.joints):
+                self.hold(name, f"replaced by {title}")
+        found = plan()
+        goals = found.goals(self.controllers)
+        run = MotionRun(self.owner, self.controllers.values())
 
         def begin() -> None:
-            with owner.locked():
-                self._refuse_void(asked)
-                for key, path in paths.items():
-                    tolerances = self.controllers[key].settings.tolerances
-                    tolerances = replace(tolerances, goal_time=tolerances.goal_time or _GRACE)
-                    self.controllers[key].follow(path, state, owner.now(), listener=run, tolerances=tolerances)
-            owner.hurry()
-            owner.group.deliver()
+            for name, goal in goals.items():
+                tolerances = self.controllers[name].settings.tolerances
+                tolerances = replace(tolerances, goal_time=tolerances.goal_time or _GRACE)
+                self.command(name, goal, listener=run, tolerances=tolerances, asked=asked)
 
-        run.begin(len(paths), begin)
-        run.wait(max(path.duration for path in paths.values()) + 2.0 * _GRACE)
+        run.begin(len(goals), begin)
+        run.wait(found.duration + 2.0 * _GRACE)
         return run.off

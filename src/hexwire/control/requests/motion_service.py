@@ -42,15 +42,12 @@ from ..motion.jaws import Closing, relieved
 from ..motion.motion_run import MotionRun, RunProgress
 from ..motion.via import Place
 from .pose_file import HOME, PoseFile, find_pose, home_pose, without_gripper
-from .preview import Planner, goal_of
 
 if TYPE_CHECKING:
     from hexwire.model.pose import Vector
     from hexwire.model.state import JointState
     from hexwire.motion.teach import Taught
-    from hexwire.motion.trajectory import Trajectory
 
-    from ..motion.goals import TrajectoryGoal
     from ..sharing.shared import Order, SharedArm
     from .preview import Preview
 
@@ -207,16 +204,6 @@ _NAMED = 2
 """Most joints that the title of a motion names."""
 
 
-def _moves(goal: TrajectoryGoal, path: Trajectory) -> bool:
-    """Whether a goal leads anywhere but to where its joints are at the start of the path."""
-    start = dict(zip(path.names, path.start, strict=True))
-    return any(
-        value != start[name]
-        for point in goal.points
-        for name, value in zip(goal.names, point.positions, strict=True)
-    )
-
-
 @dataclass(frozen=True, slots=True)
 class PoseRow:
     """A pose.
@@ -247,7 +234,6 @@ class MotionService:
     def __init__(self, shared: SharedArm, poses: PoseFile) -> None:
         self.poses = poses
         self._shared, self._arm = shared, shared.arm
-        self._planner = Planner(shared.arm)
         self.jaws: Jaws | None = jaws_of(shared.arm.settings.model)
         self._run: MotionRun | None = None
 
@@ -314,11 +300,9 @@ class MotionService:
         for name in arm.controllers:
             arm.hold(name, f"replaced by {title}")
         plan = self.plan(request, taught)
-        path = plan.require()
+        moving = plan.goals(arm.controllers)
         if not wanted():
             raise GoalError("released before it began", reason=Reason.CANCELLED)
-        goals = {name: goal_of(path, controller.joints) for name, controller in arm.controllers.items()}
-        moving = {name: goal for name, goal in goals.items() if _moves(goal, path)}
         grips = moving and request.what == "grip"
 
         def begin() -> None:
@@ -406,7 +390,7 @@ class MotionService:
         Raises:
             HexwireError: As `preview`.
         """
-        planner, speed = self._planner, request.speed
+        planner, speed = self._arm.planner, request.speed
         if request.what == "joints":
             return planner.to_joints(request.goals, speed=speed, start=start)
         if request.what == "place":

@@ -7,7 +7,7 @@ motion is planned again by the same rules when it begins. Nothing moves here.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -34,7 +34,9 @@ if TYPE_CHECKING:
     from hexwire.motion.teach import Taught
     from hexwire.motion.trajectory import Trajectory
 
-    from .controlled_arm import ControlledArm
+    from ..loop.controller import TrajectoryController
+    from ..loop.owner import RobotOwner
+    from .settings import Settings
 
 __all__ = ["TIP_SPEED", "Branch", "Planner", "Preview", "check_factor", "goal_of"]
 
@@ -121,19 +123,35 @@ class Preview:
             raise GoalError(self.unready, reason=Reason.NOT_READY)
         return self.path
 
+    def goals(self, controllers: Mapping[str, TrajectoryController]) -> dict[str, TrajectoryGoal]:
+        """The goals with which controllers follow the path, for those that it moves; raises as `require`."""
+        path = self.require()
+        goals = {name: goal_of(path, controller.joints) for name, controller in controllers.items()}
+        return {name: goal for name, goal in goals.items() if _moves(goal, path)}
+
 
 class Planner:
     """Plans motions of one arm. Any thread may call its methods; a long path takes long.
 
     Args:
-        arm: Connected.
+        owner: Of the arm; connected.
+        settings: Of the arm.
+        controllers: Of the arm.
+        refuse: Raises the reason why no motion may begin, such as teach mode.
     """
 
-    def __init__(self, arm: ControlledArm) -> None:
-        self._arm, self._model = arm, arm.settings.model
-        self._kinematics: KinematicModel | None = arm.settings.kinematics
+    def __init__(
+        self,
+        owner: RobotOwner,
+        settings: Settings,
+        controllers: Mapping[str, TrajectoryController],
+        refuse: Callable[[], object],
+    ) -> None:
+        self._owner, self._settings, self._controllers, self._refuse = owner, settings, controllers, refuse
+        self._model = settings.model
+        self._kinematics: KinematicModel | None = settings.kinematics
         # Not that of the arm's controllers, which keeps what it has seen of the running motion.
-        self._check = PathCheck(arm.settings.model, arm.settings.kinematics, arm.settings.table)
+        self._check = PathCheck(settings.model, settings.kinematics, settings.table)
 
     def to_joints(
         self, goals: Mapping[str, float], *, speed: float = 0.3, start: Mapping[str, float] | None = None
@@ -310,7 +328,7 @@ class Planner:
     def _checked(self, path: Trajectory, here: Mapping[str, float], state: JointState) -> Preview:
         """The preview of a path of some joints, after the checks that it will meet."""
         goal = dict(zip(path.names, path.goal, strict=True))
-        names = [name for controller in self._arm.controllers.values() for name in controller.joints]
+        names = [name for controller in self._controllers.values() for name in controller.joints]
         refusal = ""
         try:
             whole: Trajectory = WithResting(path, names, here)
@@ -333,14 +351,14 @@ class Planner:
 
     def _here(self, start: Mapping[str, float] | None = None) -> tuple[JointState, dict[str, float]]:
         """The newest state, and where each joint comes to rest, or is or was last sent; NaN if unknown."""
-        owner = self._arm.owner
+        owner = self._owner
         state = owner.newest()
         if start is not None:
             return state, {**state.positions, **start}
         here = state.positions
         with owner.locked():
             now = owner.now()
-            for controller in self._arm.controllers.values():
+            for controller in self._controllers.values():
                 try:
                     begin = controller.rest(state, now)
                 except GoalError:
@@ -350,12 +368,12 @@ class Planner:
         return state, here
 
     def _unready(self, state: JointState) -> str:
-        owner, check = self._arm.owner, self._check
-        names = [name for controller in self._arm.controllers.values() for name in controller.joints]
+        owner, check = self._owner, self._check
+        names = [name for controller in self._controllers.values() for name in controller.joints]
         try:
-            self._arm.teach_mode.hand.refuse()
+            self._refuse()
             check.stop_latch(owner.group.reason)
-            check.ready(names, state, self._arm.settings.safety_at(1.0 / owner.command_period).max_age)
+            check.ready(names, state, self._settings.safety_at(1.0 / owner.command_period).max_age)
         except HexwireError as error:
             return _plain(error)
         return "the arm is stopped; reset first" if state.stopped else ""
@@ -417,3 +435,13 @@ def _share(speed: float) -> float:
 
 def _plain(error: HexwireError) -> str:
     return str(error).removesuffix("; nothing was sent")
+
+
+def _moves(goal: TrajectoryGoal, path: Trajectory) -> bool:
+    """Whether a goal leads anywhere but to where its joints are at the start of the path."""
+    start = dict(zip(path.names, path.start, strict=True))
+    return any(
+        value != start[name]
+        for point in goal.points
+        for name, value in zip(goal.names, point.positions, strict=True)
+    )
