@@ -130,3 +130,7 @@ def test_the_first_start_is_that_of_the_motion_that_is_not_over() -> None:
     assert first_start([(path, 5.0)]) == 5.0
     assert first_start([(path, 1.0), (path, 5.0)]) == 5.0
     assert first_start([(path, 4.0), (path, 5.0)]) == 4.0
+    brake = Spline(("J1",), [Waypoint(0.0, (0.5,)), Waypoint(0.3, (0.6,))])
+    assert first_start([(path, 4.0), (brake, 4.9), (path, 5.0)]) == 4.0
+    # What was braked is over with its brake.
+    assert first_start([(path, 4.0), (brake, 4.5), (path, 5.0)]) == 5.0

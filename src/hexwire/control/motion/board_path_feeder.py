@@ -792,10 +792,14 @@ def _at_rest(state: PathState) -> bool:
 
 
 def first_start(planned: Sequence[tuple[Trajectory, float]]) -> float:
-    """When the first motion of a plan begins that is not over when the next one does.
+    """When the motion begins that a plan ends with: its last part, and those that went over into it.
 
     Args:
-        planned: At least one motion, and when it begins, seconds.
+        planned: At least one part, and when it begins, seconds; each counts until the next one begins.
     """
     *before, (_, begins) = planned
-    return min([begins, *(began for path, began in before if began + path.duration > begins + _SOON)])
+    for path, began in reversed(before):
+        if began + path.duration <= begins + _SOON:
+            break
+        begins = min(began, begins)
+    return begins

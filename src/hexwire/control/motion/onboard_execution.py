@@ -240,6 +240,13 @@ class OnboardExecution:
 
     # -- where it is --------------------------------------------------------------------------------
 
+    def _is_left_late(self) -> bool:
+        """Whether a path that was run to its end should have been left before: the robot was not told in time."""
+        ended = self.feeder.origin + self.feeder.on_robot.duration
+        with self._group.lock:
+            changed = [one.changed_from for one, mark in self._marks.items() if one.changes != mark]
+        return any(-math.inf < when < ended for when in changed)
+
     def _shift(self, seconds: float) -> None:
         """Move what the generators have planned in time."""
         with self._group.lock:
@@ -252,6 +259,10 @@ class OnboardExecution:
         if found is PathState.FAULT:
             return self._see_fault(report, state)
         if found is PathState.DRY or (leaving and found in (PathState.DONE, PathState.ABORTED)):
+            self._settle()
+            return None
+        if found is PathState.DONE and self._is_left_late():
+            self.feeder.rest, self.feeder.stands = self.feeder.on_robot.duration, None
             self._settle()
             return None
         reason = self.feeder.ended_by(report)
