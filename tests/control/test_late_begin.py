@@ -13,6 +13,7 @@ from tests.few import few
 from tests.motion.arms import HOME
 
 from hexwire.control.loop.outcomes import Outcome
+from hexwire.control.motion.motion_run import RunProgress
 from hexwire.control.requests.preview import Preview
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.teach import Taught
@@ -99,6 +100,47 @@ def test_a_motion_is_planned_during_a_stall_of_the_loop(*, host_timed: bool) -> 
     go_on(bench, {"what": "play"})
 
 
+def replace_in_stalls(
+    monkeypatch: pytest.MonkeyPatch, part: float, before: float, checking: float, after: float, *, host_timed: bool
+) -> RunProgress:
+    """Replace a swing at a part of it by a motion to a pose, while the loop stalls; no joint becomes too fast.
+
+    Args:
+        part: Of the swing that is over by then.
+        before: Seconds of turns between the end of the swing and the plan.
+        checking: Seconds for which the loop stalls during the check of the path.
+        after: The same after the beginning.
+    """
+    bench = RunBench(host_timed=host_timed, poses=POSES)
+    controller = bench.bench.controller
+    swing = bench.begin({"what": "play"}, taught=SWING)
+    bench.turn(swing.progress().lead_in + part * SECONDS)
+    plan, check = bench.motions.plan, controller.check_path
+
+    def late_plan(*args: Any) -> Preview:
+        bench.turn(before)
+        found = plan(*args)
+        bench.turn(0.02)
+        return found
+
+    def late_check(*args: Any, **options: Any) -> None:
+        check(*args, **options)
+        bench.clock.sleep(checking)
+        bench.turn(0.02)
+
+    monkeypatch.setattr(bench.motions, "plan", late_plan)
+    monkeypatch.setattr(controller, "check_path", late_check)
+    began = bench.clock.time
+    run = bench.begin({"what": "pose", "name": "side"})
+    bench.clock.sleep(after)
+    bench.until(run)
+    found = run.progress()
+    assert fastest(bench, began) < 1.1 * SPEED, (before, checking, after)
+    if found.outcome is Outcome.SUCCEEDED:
+        assert bench.where("J1") == pytest.approx(POSES["side"]["J1"], abs=0.02)
+    return found
+
+
 @pytest.mark.parametrize("host_timed", [False, pytest.param(True, marks=pytest.mark.slow)])
 @few("part", [0.25, 0.4], 0.25)
 def test_whatever_stalls_as_a_motion_is_replaced_no_joint_moves_faster_than_it_may(
@@ -106,30 +148,11 @@ def test_whatever_stalls_as_a_motion_is_replaced_no_joint_moves_faster_than_it_m
 ) -> None:
     """A path that its board had run to its end, since it was not told in time to leave it, was begun once more."""
     for before, checking, after in ((0.1, 0.3, 0.0), (0.2, 0.0, 0.5), (0.35, 0.0, 0.2), (0.02, 0.3, 0.5)):
-        bench = RunBench(host_timed=host_timed, poses=POSES)
-        controller = bench.bench.controller
-        swing = bench.begin({"what": "play"}, taught=SWING)
-        bench.turn(swing.progress().lead_in + part * SECONDS)
-        plan, check = bench.motions.plan, controller.check_path
+        found = replace_in_stalls(monkeypatch, part, before, checking, after, host_timed=host_timed)
+        assert found.outcome is Outcome.SUCCEEDED, found.text
 
-        def late_plan(*args: Any, bench: RunBench = bench, plan: Any = plan, seconds: float = before) -> Preview:
-            bench.turn(seconds)
-            found: Preview = plan(*args)
-            return found
 
-        def late_check(
-            *args: Any, bench: RunBench = bench, check: Any = check, seconds: float = checking, **options: Any
-        ) -> None:
-            check(*args, **options)
-            bench.clock.sleep(seconds)
-            bench.turn(0.02)
-
-        monkeypatch.setattr(bench.motions, "plan", late_plan)
-        monkeypatch.setattr(controller, "check_path", late_check)
-        began = bench.clock.time
-        run = bench.begin({"what": "pose", "name": "side"})
-        bench.clock.sleep(after)
-        bench.until(run)
-        assert run.progress().outcome is Outcome.SUCCEEDED, run.progress().text
-        assert bench.where("J1") == pytest.approx(POSES["side"]["J1"], abs=0.02)
-        assert fastest(bench, began) < 1.1 * SPEED, (before, checking, after)
+def test_targets_one_by_one_begin_where_the_joints_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A board refuses a path that begins elsewhere; the first of its targets would let the joints jump."""
+    monkeypatch.setattr("hexwire.control.motion.onboard_execution.first_start", lambda planned: planned[0][1])
+    replace_in_stalls(monkeypatch, 0.25, 0.1, 0.3, 0.0, host_timed=False)

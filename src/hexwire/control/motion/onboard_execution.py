@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 from typing import TYPE_CHECKING
 
 from hexwire.drivers.timed_path import PathReport, PathState
@@ -33,6 +33,8 @@ _log = logging.getLogger(__name__)
 
 _WAIT = 0.01
 """Seconds between two looks whether the joints are at rest."""
+_AWAY = math.radians(5.0)
+"""A joint that is further from where a plan begins is elsewhere: a loaded servo rests within less of its target."""
 
 
 class OnboardExecution:
@@ -114,7 +116,7 @@ class OnboardExecution:
         found = None if self.feeder.path is None else self._follow(state)
         if self.feeder.path is None and found is None and not self._refuses:
             # At once, also after the end of another path: what has been decided for now is on the new one.
-            self._begin()
+            self._begin(state)
         self._refuses = False
         with self._group.lock:
             moving = {one.generator for one in self._controllers() if one.generator.mode is Mode.TRAJECTORY}
@@ -172,7 +174,7 @@ class OnboardExecution:
     def _controllers(self) -> list[TrajectoryController]:
         return [member for member in self._group.members if isinstance(member, TrajectoryController)]
 
-    def _begin(self) -> None:
+    def _begin(self, state: JointState) -> None:
         """Begin a path if a trajectory was begun."""
         with self._group.lock:
             members = {
@@ -200,6 +202,11 @@ class OnboardExecution:
             raise
         except (CommandRefusedError, UsageError) as error:
             _log.warning("the targets are sent one by one: %s", error)
+            here, start = state.positions, zip(plan.names, plan.start, strict=True)
+            if any(abs(here[name] - at) > _AWAY for name, at in start):
+                # The first target would let them jump there.
+                self._go_on(here, begins)
+                return
             # Nothing was sent of it while another path was at its end.
             self._shift(max(0.0, self._clock() - begins))
             self.drop()
@@ -289,8 +296,12 @@ class OnboardExecution:
         plan, rest = feeder.on_robot, feeder.stands
         if rest is None:
             rest = dict(zip(plan.names, plan.sample(feeder.rest).position, strict=True))
-        members, left = self._members, feeder.origin + feeder.rest
         self._refuses = self._unfit
+        self._go_on(rest, feeder.origin + feeder.rest)
+
+    def _go_on(self, rest: Mapping[str, float], left: float) -> None:
+        """Let those that want to move go on from where the joints rest; see `SetPointGenerator.rejoin`."""
+        members = self._members
         self.drop()
         with self._group.lock:
             for generator, controller in members.items():
