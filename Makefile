@@ -111,6 +111,7 @@ dist: setup ## build what is published: wheel with firmware and analysers, sourc
 	@$(BIN)/python '$(ROOT)/release/build.py' --uv '$(UV)'
 
 try-wheel: setup ## try the wheel of make dist alone, in an environment of its own
+	@.ci/install-packages man-db
 	@$(BIN)/python '$(ROOT)/release/try_wheel.py' --uv '$(UV)'
 
 resolvable: setup ## check that hexwire and each extra can be installed from wheels only; needs the package index
