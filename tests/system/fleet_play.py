@@ -31,5 +31,5 @@ def hang_with(file: Path) -> None:
 if __name__ == "__main__":
     hangs, motion, pattern = sys.argv[1:]
     hang_with(Path(hangs))
-    sys.argv = ["hexwire", "fleet", "play", motion, "--on", pattern]
+    sys.argv = ["hexwire", "fleet", "play", motion, "--on", pattern, "--max-doubt", "250"]
     main()

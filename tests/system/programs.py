@@ -14,10 +14,12 @@ import subprocess
 import sys
 import termios
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 HEXWIRE = [sys.executable, "-m", "hexwire.cli"]
+PATIENT_PLAYER = [sys.executable, "-m", "tests.system.patient_player"]
+"""`hexwire` for motions on several arms, with a longer watchdog."""
 PATIENCE = 60.0
 # setsid alone gives no controlling terminal, and without one Ctrl-C is only a byte.
 OWN_TERMINAL = """
@@ -62,19 +64,19 @@ def start(*words: str) -> subprocess.Popen[str]:
 
 
 @contextlib.contextmanager
-def hexwire_program(*words: object) -> Iterator[subprocess.Popen[str]]:
+def hexwire_program(*words: object, program: Sequence[str] = HEXWIRE) -> Iterator[subprocess.Popen[str]]:
     """`hexwire` with these words in a process of its own, which a failing test does not leave behind."""
     with subprocess.Popen(
-        [*HEXWIRE, *map(str, words)],
+        [*program, *map(str, words)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         env=os.environ | {"PYTHONUNBUFFERED": "1"},
-    ) as program:
+    ) as started:
         try:
-            yield program
+            yield started
         except BaseException:
-            program.kill()
+            started.kill()
             raise
 
 

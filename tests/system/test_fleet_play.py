@@ -17,7 +17,7 @@ import pytest
 from click.testing import CliRunner
 from tests.system.fleet_programs import Program
 from tests.system.fleet_watch import HOLD, TIMEOUT, BoardLog, moved
-from tests.system.programs import HEXWIRE, PATIENCE
+from tests.system.programs import HEXWIRE, PATIENCE, PATIENT_PLAYER
 
 from hexwire.cli.main import cli
 
@@ -28,17 +28,6 @@ WATCHDOG = 1.0
 """Seconds after which a server stops its arm when the program makes no call: what `fleet play` asks for."""
 POINTS = [(0.0, 0.0), (4.0, 0.8), (8.0, 0.0)]
 """Times and angles of J1, the same on both arms."""
-
-
-PATIENT = f"""
-import sys
-from hexwire.cli.__main__ import main
-from hexwire.fleet import player
-player._WATCHDOG = {10 * WATCHDOG}
-sys.argv = ["hexwire", *sys.argv[1:]]
-main()
-"""
-"""With a longer watchdog: a server that stands still finds the lease and the watchdog over at the same time."""
 
 
 class Stage:
@@ -88,7 +77,8 @@ class Stage:
             self.run("resume", "--port", f"zenoh:{name}")
         self._told += len(self.said())
         program = self.program(
-            *(words or (sys.executable, "-c", PATIENT, "fleet", "play", self.motion, "--on", "lab/*"))
+            # With a short watchdog, a server that stands still finds the lease and the watchdog over at once.
+            *(words or (*PATIENT_PLAYER, "fleet", "play", self.motion, "--on", "lab/*", "--max-doubt", 250))
         )
         while not program.line().startswith("motion:"):
             pass
