@@ -16,7 +16,8 @@ from hexwire.ipc.mistaken import find_servos
 from hexwire.ipc.session import Session
 from hexwire.wire.command_frame import Command, Frame, serialize_frame
 from hexwire.wire.registers import Series
-from hexwire.wire.servo_packet import make_ping
+from hexwire.wire.servo_packet import make_board_error, make_ping
+from hexwire.wire.tables import BOARD_ERRORS
 
 BOARD_RATE = 115_200
 SOON = 2.0
@@ -195,3 +196,13 @@ def test_servos_that_are_heard_in_pieces_are_all_found() -> None:
     link.read = read_a_byte  # type: ignore[method-assign]
     with link:
         assert find_servos(link) == (1, 2, 3)
+
+
+def test_the_late_answer_of_a_board_is_not_taken_for_a_servos() -> None:
+    """Where a line knows no rates, a board that stalled is heard during the look."""
+    link = board_link("boot:99")
+    late, read = [make_board_error(BOARD_ERRORS["command_unknown"])], link.read
+    link.read = lambda deadline: late.pop() if late else read(deadline)  # type: ignore[method-assign]
+    with link:
+        assert find_servos(link) == ()
+    assert not late

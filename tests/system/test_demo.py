@@ -10,7 +10,7 @@ import time
 
 import pytest
 from click.testing import CliRunner
-from tests.cli.shared_arm import Plug, ok, run
+from tests.cli.shared_arm import Plug, ok, patient, patient_line, run
 from tests.system import programs
 from tests.system.programs import ANSI, PATIENCE, Terminal, children_of, gone, hexwire, read_until, start
 from tests.waits import eventually
@@ -42,8 +42,10 @@ main()
 
 @pytest.fixture(autouse=True)
 def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A longer watchdog: on a busy machine the board finds its host silent."""
+    """Longer times: on a busy machine the board finds its host silent, and answers late."""
     monkeypatch.setattr(programs, "HEXWIRE", [sys.executable, "-c", PATIENT])
+    patient(monkeypatch)
+    patient_line(monkeypatch)
 
 
 def state(path: str) -> dict[str, object]:
@@ -162,7 +164,8 @@ def test_an_interrupted_demo_leaves_no_torque(number: signal.Signals, dialect: i
             assert not any(torque(path))
             assert state(path)["stopped"] is False
         else:
-            assert "torque on: J1 J4 J5" in run("move", "J1=-4", "J4=0", "J5=3", port=path).stdout
+            moved = run("move", "J1=-4", "J4=0", "J5=3", port=path)
+            assert "torque on: J1 J4 J5" in moved.stdout, moved.output
 
 
 @pytest.mark.slow

@@ -21,7 +21,7 @@ from hexwire.session.negotiate import Negotiated, NegotiationFailed, Negotiator
 from hexwire.session.policy import RetryPolicy
 from hexwire.wire.modules import ModuleType, module_name
 from hexwire.wire.registers import Series
-from hexwire.wire.servo_packet import BROADCAST_ID, iter_status, make_ping
+from hexwire.wire.servo_packet import BOARD_ID, BROADCAST_ID, iter_status, make_ping
 from hexwire.wire.tables import PROTO_CHAPTER, PROTO_HEXWIRE
 
 from .connections import host_connection
@@ -92,7 +92,8 @@ def _ping(link: Link, ids: Iterable[int]) -> tuple[tuple[int, ...], bool]:
         # with a low supply.
         for ping in pings:
             data = data.replace(ping, b"", 1)
-    found = {status.servo_id for status in iter_status(data) if not status.params}
+    # A board whose line knows no rates may be late: what it says of its own is no servo's.
+    found = {status.servo_id for status in iter_status(data) if not status.params and status.servo_id != BOARD_ID}
     return tuple(sorted(found)), bool(data)
 
 
