@@ -196,7 +196,8 @@ def test_where_the_system_has_no_room_a_queue_has_fewer_lines(
 
     monkeypatch.setattr(further, "_open", full)
     with tcp_boards(1) as boards:
-        running = Running(boards, [queue, further])
+        # Whichever it is, the others are opened.
+        running = Running(boards, [further, queue])
         connect_to(url(queue, 8)).close()
         running.end()
     assert "fewer hosts at once: this user's memory for queues is used up" in caplog.text
