@@ -134,9 +134,11 @@ def test_a_bus_without_a_board() -> None:
     asked, answered = explain((SENT, request, 1.0), (RECEIVED, make_status(4, 0, b"\x00\x08"), 1.001))
     assert asked.kind == answered.kind == "servo packet"
     assert "present_position 2048" in answered.text
-    write = make_write(4, 0x28, b"\x01")
-    (written,) = explain((SENT, write, 0.0))
+    (written,) = explain((SENT, make_write(4, 0x28, b"\x01"), 0.0))
     assert "torque_enable" in written.text
+    # There is no register behind the last one.
+    (written,) = Explainer("sts_sms").feed(Passed(SENT, make_write(4, 0x30, b"\xf4\x01\x07"), 0.0, ""))
+    assert layer(written, "servo")["registers"][-1] == {"address": 0x32, "raw": 7}  # type: ignore[index]  # a list of dicts
 
 
 def test_every_vector_is_explained_and_json_takes_it() -> None:

@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -14,7 +15,8 @@ from tests.recorded import make_positions
 
 from hexwire.errors import ConfigError, UsageError
 from hexwire.model.state import JointFlag
-from hexwire.trace.recording import JOINT_STATES, RecordingWriter, read_joint_states
+from hexwire.trace import recording as module
+from hexwire.trace.recording import JOINT_STATES, RecordingWriter, read_joint_states, wall_time
 
 
 def write(path: Path, n: int = 5) -> None:
@@ -48,6 +50,12 @@ def test_other_programs_read_it(tmp_path: Path) -> None:
     assert body["timestamp"]["nsec"] == pytest.approx(200_000_000, abs=500)
     assert body["joints"][0]["name"] == "J1"
     assert set(json.loads(schema.data)["properties"]) == {"timestamp", "joints"}
+
+
+def test_a_state_has_the_time_of_day_at_which_it_was_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = SimpleNamespace(time=lambda: 1000.0, monotonic=lambda: 50.0)
+    monkeypatch.setattr(module, "time", clock)
+    assert wall_time(state(stamp=48.5)) == 998.5
 
 
 def test_positions_alone(tmp_path: Path) -> None:

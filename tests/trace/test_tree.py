@@ -133,7 +133,8 @@ def test_a_packet_in_transact_comes_after_its_two_fields() -> None:
     reply = frame(Command.TRANSACT, make_status(4, 0, b"\x00\x08"), src=8, ext=0x80)
     asked, answered = trees((SENT, request), (RECEIVED, reply))
     assert fields(asked)["timeout_ms"] == (41, 42, "20 = 0.02 s")
-    assert fields(asked)["servo packet"][:2] == (42, 50)
+    words = "reply_length 8, timeout_ms 20; read 4: present_position, 2 bytes"
+    assert fields(asked)["servo packet"] == (42, 50, words)
     assert fields(answered)["present_position"] == (45, 47, "2048 = 180 deg")
 
 
