@@ -74,6 +74,16 @@ def test_nobody_takes_the_motion_of_the_next_holder_for_its_own() -> None:
     assert number != Goals().follow(delay=1.0), "nor that of the next server"
 
 
+def test_who_leaves_lets_the_motion_finish_and_no_longer() -> None:
+    bench = Goals()
+    bench.follow(delay=1.0, seconds=2.0)
+    bench.shared.leave(bench.key, finish=True)
+    bench.turn(2.9)
+    assert bench.shared.holder is not None
+    bench.turn(0.2)
+    assert bench.shared.holder is None
+
+
 def test_arms_whose_clocks_differ_begin_together() -> None:
     """The skew of the first movement, on the servos, is that of the samples between which it is found."""
     late = []

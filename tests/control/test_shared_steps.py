@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -181,6 +182,14 @@ def test_the_steps_continue_after_a_holder_that_leaves_its_motion_running() -> N
     bench.turn(12.0)
     assert bench.where("J1") == pytest.approx(goal, abs=0.02)
     assert bench.shared.holder is None
+
+
+def test_which_joints_take_the_first_step_otherwise_is_told() -> None:
+    bench, key = make()
+    write = bench._write
+    bench._write = lambda target: replace(write(target), clamped=("J2",), silent=("J1",))  # type: ignore[method-assign]
+    sent = bench.move(key, 8.0, J1=AWAY, J2=0.1)
+    assert (sent.clamped, sent.silent) == (("J2",), ("J1",))
 
 
 def test_a_stop_between_the_first_step_and_the_next_leaves_no_steps() -> None:

@@ -217,7 +217,8 @@ def test_a_stop_that_holds_may_come_by_the_key_of_torque_off(served: Served) -> 
 def test_a_stop_voids_the_orders_of_its_own_program_that_it_overtakes(served: Served, by: str) -> None:
     key = served.take("Ann").value
     late = [served.envelope(key, served.write(J1=0.1)), served.envelope(key, m.Resume())]
-    stop = served.ask(by, m.StopRequest("Ann", mode=1, key=key, sequence=late[-1].sequence))
+    off = served.envelope(key, m.Torque(False, None))
+    stop = served.ask(by, m.StopRequest("Ann", mode=1, key=key, sequence=off.sequence))
     assert stop.kind == ""
     for order in late:
         refused = served.ask(KEYS.order(OPERATOR), order)
@@ -225,6 +226,7 @@ def test_a_stop_voids_the_orders_of_its_own_program_that_it_overtakes(served: Se
         assert refused.text == f"order {order.sequence} was made before a stop of the same program; it is not done"
     assert served.bench.board.state.stopped
     assert not served.bench.sent
+    assert served.ask(KEYS.order(OPERATOR), off).kind == "", "torque may always be taken off"
     assert served.order(key, m.Resume()).kind == "", "made after the stop"
 
 
