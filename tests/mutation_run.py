@@ -131,7 +131,9 @@ class Judge(Report):
             if tried and tried[0] in _NOTICED and tried[1]:
                 # And what it does on this machine now without the mutant is nothing that anybody noticed.
                 by = tried[1]
-                without = self._try(mutant, {by: dict(mutant["tests"] + mutant["all"])[by]}, install=False)
+                # It may take long, unless that is what was noticed.
+                usual = dict(mutant["tests"] + mutant["all"])[by] if tried[0] == "hung" else mutant["limit"]
+                without = self._try(mutant, {by: usual}, install=False)
                 tried = without and (tried if without[0] == "lives" else ("unsure", by))
             if tried is None:
                 session.items = [items[name] for name in self._names]

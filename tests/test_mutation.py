@@ -325,7 +325,8 @@ def test_what_a_busy_machine_does_is_not_taken_for_what_a_mutant_does(
 ) -> None:
     file = tmp_path / "a.py"
     file.write_text("whole")
-    mutant = {"key": "m", "file": str(file), "text": "mutated", "tests": [("a", 0.1), ("b", 0.1)], "all": []}
+    mutant = {"key": "m", "file": str(file), "text": "mutated", "limit": 30.0}
+    mutant |= {"tests": [("a", 0.1), ("b", 0.1)], "all": []}
     out = io.StringIO()
     judge = Judge([mutant], {}, out)
     seen = []
