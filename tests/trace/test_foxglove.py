@@ -43,4 +43,6 @@ def test_what_is_drawn_is_where_the_links_are(robot: str) -> None:
     entities = scene_update(shapes, names, 2.0, "lab/a/")["entities"]
     drawn = sum(len(entity[kind]) for entity in entities for kind in ("cubes", "spheres", "cylinders"))
     assert drawn == sum(len(link.shapes) for link in shapes.links)
+    round_ones = [row for entity in entities for row in entity["cylinders"]]
+    assert all(row["bottom_scale"] == row["top_scale"] == 1.0 for row in round_ones), "no cones"
     assert {entity["frame_id"] for entity in entities} <= {f"lab/a/{name}" for name in poses}

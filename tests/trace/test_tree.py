@@ -68,6 +68,8 @@ def test_a_header_has_its_fields_where_the_protocol_puts_them() -> None:
     for name, _, at in t.HEADER_FIELDS:
         assert found[name][:2] == (at, at + 4)
     assert found["src"][2] == "7 ARM_7BOT_SERIAL_TRX"
+    (tree,) = trees((SENT, frame_bytes(Command.STATS, proto=2, src=7, dst=-1)))
+    assert fields(tree)["dst"][2] == "-1 INVALID_MODULE"
     assert found["sync"][2] == "5A FA FA 5A"
     assert [found[name][:2] for name in ("flag", "proto", "seq", "pad", "len", "cmd", "cmd_ext")] == [
         (32, 33),
