@@ -314,7 +314,7 @@ class Hex7BotModel(KinematicModel):
         k = self.links
         t0, t1, t2, t3, t4, _ = angles
         p = t2 - k.offset
-        ahead: Vector = (math.cos(t0), math.sin(t0), 0.0)
+        ahead = math.cos(t0), math.sin(t0)
         tip = self.forward(angles).position
         wrist = self.wrist(angles)
         tool = shifted(tip, wrist, -1.0)
