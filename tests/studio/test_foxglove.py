@@ -281,3 +281,13 @@ def test_only_so_many_watch_at_a_time(studio: RunningStudio) -> None:
         with pytest.raises(ConnectionClosed):
             _read_all(viewers[0])
         viewers[1].recv(PATIENCE)
+        # And one who leaves makes room, though nothing is sent to it.
+        viewers[2].close()
+
+        def comes_in() -> bool:
+            with contextlib.suppress(InvalidStatus):
+                return bool(stack.enter_context(visitor.socket(path, subprotocols=[SUBPROTOCOL])))
+            return False
+
+        for _ in range(2):
+            until(comes_in, "there is room")
