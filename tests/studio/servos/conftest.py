@@ -77,6 +77,8 @@ def bench(served: RunningStudio, blank: Page) -> Iterator[Bench]:
     page.get_by_label("Ids").fill("1-7")
     page.get_by_role("button", name="Search", exact=True).click()
     page.get_by_text("6 servos found").wait_for()
+    # Only then they are listed, and the first one is chosen.
+    page.get_by_role("heading", name="Servo 1", exact=True).wait_for()
     try:
         yield Bench(served, page)
     finally:
