@@ -202,10 +202,11 @@ class OnboardExecution:
             raise
         except (CommandRefusedError, UsageError) as error:
             _log.warning("the targets are sent one by one: %s", error)
-            here, start = state.positions, zip(plan.names, plan.start, strict=True)
-            if any(abs(here[name] - at) > _AWAY for name, at in start):
+            start, here = dict(zip(plan.names, plan.start, strict=True)), state.positions
+            away = {name: here[name] for name, at in start.items() if abs(here[name] - at) > _AWAY}
+            if away:
                 # The first target would let them jump there.
-                self._go_on(here, begins)
+                self._go_on(start | away, begins)
                 return
             # Nothing was sent of it while another path was at its end.
             self._shift(max(0.0, self._clock() - begins))
