@@ -166,7 +166,8 @@ class Program:
         deadline = time.monotonic() + PATIENCE
         while len(GOALS[key].feedback) < feedback:
             if time.monotonic() > deadline:
-                raise RuntimeError(f"no feedback; state {GOALS[key].client.get_state()}")
+                client = GOALS[key].client
+                raise RuntimeError(f"no feedback; state {client.get_state()}: {client.get_goal_status_text()}")
             time.sleep(0.005)
 
     def cancel(self, key: str) -> None:
