@@ -13,7 +13,7 @@ from tests.few import few
 from tests.motion.arms import HOME
 
 from hexwire.control.loop.outcomes import Outcome
-from hexwire.control.motion.motion_run import RunProgress
+from hexwire.control.motion.motion_run import MotionRun, RunProgress
 from hexwire.control.requests.preview import Preview
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.motion.teach import Taught
@@ -28,11 +28,17 @@ SWING = Taught(("J1",), TIMES, tuple((J1 + 0.5 * (1.0 - math.cos(math.tau * t / 
 STRAIGHT = {"what": "place", "position": [0.0, 0.0, 0.03], "relative": True, "straight": True}
 
 
-def planning(bench: RunBench, monkeypatch: pytest.MonkeyPatch, meanwhile: Callable[[], object]) -> None:
-    """From now on something happens between the plan of a motion and its beginning."""
+def planning(
+    bench: RunBench,
+    monkeypatch: pytest.MonkeyPatch,
+    meanwhile: Callable[[], object],
+    before: Callable[[], object] = lambda: None,
+) -> None:
+    """From now on something happens between the plan of a motion and its beginning, and maybe before the plan."""
     plan = bench.motions.plan
 
     def late(*args: Any, **options: Any) -> Preview:
+        before()
         found = plan(*args, **options)
         meanwhile()
         return found
@@ -40,11 +46,16 @@ def planning(bench: RunBench, monkeypatch: pytest.MonkeyPatch, meanwhile: Callab
     monkeypatch.setattr(bench.motions, "plan", late)
 
 
+def swing(bench: RunBench, part: float) -> MotionRun:
+    """Begin the swing, and turn until so much of it is over."""
+    run = bench.begin({"what": "play"}, taught=SWING)
+    bench.turn(run.progress().lead_in + part * SECONDS)
+    return run
+
+
 def pause(bench: RunBench) -> None:
     """End the swing on its way; the joints brake from now on."""
-    first = bench.begin({"what": "play"}, taught=SWING)
-    bench.turn(first.progress().lead_in + SECONDS / 4)
-    first.end("paused")
+    swing(bench, 0.25).end("paused")
 
 
 def fastest(bench: RunBench, since: float) -> float:
@@ -113,22 +124,15 @@ def replace_in_stalls(
     """
     bench = RunBench(host_timed=host_timed, poses=POSES)
     controller = bench.bench.controller
-    swing = bench.begin({"what": "play"}, taught=SWING)
-    bench.turn(swing.progress().lead_in + part * SECONDS)
-    plan, check = bench.motions.plan, controller.check_path
-
-    def late_plan(*args: Any) -> Preview:
-        bench.turn(before)
-        found = plan(*args)
-        bench.turn(0.02)
-        return found
+    swing(bench, part)
+    planning(bench, monkeypatch, lambda: bench.turn(0.02), lambda: bench.turn(before))
+    check = controller.check_path
 
     def late_check(*args: Any, **options: Any) -> None:
         check(*args, **options)
         bench.clock.sleep(checking)
         bench.turn(0.02)
 
-    monkeypatch.setattr(bench.motions, "plan", late_plan)
     monkeypatch.setattr(controller, "check_path", late_check)
     began = bench.clock.time
     run = bench.begin({"what": "pose", "name": "side"})

@@ -91,7 +91,6 @@ def test_a_phone_shows_one_part_below_the_arm(move: Page) -> None:
     for part in PARTS:
         move.get_by_role("tab", name=part, exact=True).click()
         for other, its in PARTS.items():
-            # Poses are loaded when they are seen.
             expect(move.get_by_role("button", name=its, exact=True)).to_be_visible(visible=other == part)
         assert move.evaluate("document.documentElement.scrollWidth") == PHONE["width"], part
         assert not move.evaluate(_SMALL, FINGER), part
