@@ -15,11 +15,12 @@ from tests.few import few
 from tests.soak import rounds
 
 from hexwire.drivers.base import StopMode
+from hexwire.drivers.stored_calibration import not_calibrated, stored_calibration
 from hexwire.errors import NotSupportedError, ServoError, StoppedError, UsageError
 from hexwire.model.arms import Go, Seek
 from hexwire.model.calibration import Calibration, JointCalibration
 from hexwire.setup.auto_calibration import AutoCalibration
-from hexwire.setup.calibrating import CalibrationBench, not_calibrated, store, stored_calibration
+from hexwire.setup.calibrating import CalibrationBench, store
 from hexwire.wire.servo_packet import Instruction, ServoPacket
 
 TURN = 4096

@@ -7,10 +7,11 @@ import math
 import pytest
 from tests.control.so_bench import NAMES, SoBench
 
+from hexwire.drivers.stored_calibration import stored_calibration
 from hexwire.errors import UsageError
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.calibration import Calibration
-from hexwire.setup.calibrating import store, stored_calibration
+from hexwire.setup.calibrating import store
 from hexwire.setup.first_run import SPEED, STEP, FirstRun, FoundJoint, Stage
 
 

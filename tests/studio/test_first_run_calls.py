@@ -13,9 +13,9 @@ import pytest
 from tests.studio.running import until
 
 from hexwire.drivers.registry import load_bus_arm
+from hexwire.drivers.stored_calibration import stored_calibration
 from hexwire.errors import HexwireError, LeaseError, StoppedError, UsageError
 from hexwire.model.arm import ArmModel
-from hexwire.setup.calibrating import stored_calibration
 from hexwire.studio.access import Access, Right
 from hexwire.studio.app import Studio
 from hexwire.studio.calls import find_call

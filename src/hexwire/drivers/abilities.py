@@ -39,6 +39,7 @@ __all__ = [
     "SetPoints",
     "SilenceCheck",
     "StateReports",
+    "StoredCalibration",
     "Watchdog",
 ]
 
@@ -303,6 +304,28 @@ class BareServos(Ability):
     @abstractmethod
     def servo_link(self) -> Link:
         """The link to the servos."""
+
+
+class StoredCalibration(Ability):
+    """The servos may have stored a calibration, which the arm takes at its first `attach`.
+
+    Attributes:
+        uncalibrated: Joints that may be elsewhere than they report, since their servos have stored none, and why.
+    """
+
+    uncalibrated: Mapping[str, str]
+
+    @property
+    @abstractmethod
+    def may_change_model(self) -> bool:
+        """Whether the next `attach` may change `model`; later ones do not."""
+
+    @property
+    def doubt(self) -> str:
+        """Which joints may be elsewhere than they report, in one line; empty if none."""
+        names = tuple(self.uncalibrated)
+        which = ", ".join(names) if len(names) < 3 else f"{len(names)} joints"
+        return f"not calibrated: {which} may be elsewhere than shown" if names else ""
 
 
 class Counters(Ability):

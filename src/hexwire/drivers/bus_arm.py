@@ -24,11 +24,12 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 from hexwire.bus import setup as servo_setup
 from hexwire.bus.servo_bus import ServoBus
 from hexwire.bus.values import Reading, Readings, ServoBlock, instead_in
-from hexwire.errors import NotSupportedError, ReplyTimeoutError, UsageError
+from hexwire.errors import DeviceError, NotSupportedError, ReplyTimeoutError, UsageError
 from hexwire.ipc.board_search import explain_no_servo
 from hexwire.link.serial_port import DEFAULT_BAUD
 from hexwire.model.arm import ArmModel, JointModel
-from hexwire.model.calibration import Calibration
+from hexwire.model.arms import assembled_arms, assembly_of
+from hexwire.model.calibration import Calibration, JointCalibration
 from hexwire.model.state import LONGEST, JointFlag, JointState, JointTarget, SentTarget
 from hexwire.motion.limits import check_target
 from hexwire.session.effects import packet_only_reads
@@ -37,13 +38,14 @@ from hexwire.wire.registers import Series
 from hexwire.wire.servo_packet import make_sync_write, sync_write_packer
 from hexwire.wire.tables import DEFAULT_CEILING
 
-from .abilities import BareServos, Counters, ServoPing, SetPoints, SilenceCheck
+from .abilities import BareServos, Counters, ServoPing, SetPoints, SilenceCheck, StoredCalibration
 from .arm_file import BusArmFile, load_arm_file, load_profile
 from .base import ProbeReport, StopMode
 from .board_reset import note_servos, warn_of_reset
 from .plain import PlainDriver
 from .replies import torque_flag
 from .stop_memory import StopMemory
+from .stored_calibration import not_calibrated, stored_ranges
 from .values import JointProbe
 
 if TYPE_CHECKING:
@@ -408,7 +410,7 @@ _THERE = math.radians(1.0)
 _ADVICE = "check power, cable, and --robot if it is another one; `hexwire doctor` looks for the reason"
 
 
-class BusArm(PlainDriver, BareServos, Counters, ServoPing, SetPoints, SilenceCheck):
+class BusArm(PlainDriver, BareServos, StoredCalibration, Counters, ServoPing, SetPoints, SilenceCheck):
     """An arm on a servo bus.
 
     `ioctl` takes Command.TRANSACT with reply length, milliseconds (not used: the bus computes the time-out) and a
@@ -417,7 +419,8 @@ class BusArm(PlainDriver, BareServos, Counters, ServoPing, SetPoints, SilenceChe
     Args:
         link: Link to the adapter.
         arm: Description of the arm; the class's profile if None.
-        calibration: Neutral positions and limits that replace those of the arm.
+        calibration: Neutral positions and limits that replace those of the arm. Without one, an arm that a person
+            assembles has what its servos have stored, from its first `attach` on.
         bus: An open bus on that link, to be used instead of a bus of its own. It stays open and keeps its stops.
     """
 
@@ -434,21 +437,30 @@ class BusArm(PlainDriver, BareServos, Counters, ServoPing, SetPoints, SilenceChe
         bus: ServoBus | None = None,
     ) -> None:
         super().__init__()
-        arm = arm or self.described()
-        calibration = calibration or arm.calibration
-        self.model: ArmModel = arm.model if calibration is None else calibration.apply(arm.model)
-        self.calibration = calibration
+        described = arm or self.described()
+        calibration = calibration or described.calibration
+        # Only of the arms that hexwire knows by name it is known what their servos have stored.
+        self._asks = arm is None and calibration is None and described.model.name in assembled_arms()
+        self._usual = described.model
+        self._stored: dict[str, JointCalibration | None] | None = None
+        self.uncalibrated = {}
         # A link opened without a rate has the default of serial ports.
-        self._baud = arm.baud if getattr(link, "baud", DEFAULT_BAUD) == DEFAULT_BAUD else None
+        self._baud = described.baud if getattr(link, "baud", DEFAULT_BAUD) == DEFAULT_BAUD else None
         self._borrowed = bus is not None
-        self.bus = bus or ServoBus(link, servos={joint.servo_id: joint.series for joint in self.model.joints})
+        self.bus = bus or ServoBus(link, servos={joint.servo_id: joint.series for joint in self._usual.joints})
         # One arm, one set of stops: a stop also cancels the calls that wait for the bus.
         if bus is None:
             self.bus.epochs = self.epochs
         else:
             self._epochs = bus.epochs
         self._memory = StopMemory(link.url)
-        self._torque: list[bool | None] = [None] * len(self.model.joints)
+        self._torque: list[bool | None] = [None] * len(self._usual.joints)
+        self._adopt(calibration)
+
+    def _adopt(self, calibration: Calibration | None) -> None:
+        self.calibration = calibration
+        self.model: ArmModel = self._usual if calibration is None else calibration.apply(self._usual)
+        self._kinematics = None
         self._goals = BusGoals(self.bus, self.model.by_name)
         self._reader = PositionReader(self.model)
         self._positions, self._sampled = self._reader.positions, self._reader.sampled
@@ -485,6 +497,10 @@ class BusArm(PlainDriver, BareServos, Counters, ServoPing, SetPoints, SilenceChe
         # A borrowed bus is open before the arm is attached.
         return self.bus.link.is_open and (self._open or not self._borrowed)
 
+    @property
+    def may_change_model(self) -> bool:
+        return self._asks and self._stored is None
+
     def abort(self) -> None:
         self.bus.close()
 
@@ -497,6 +513,7 @@ class BusArm(PlainDriver, BareServos, Counters, ServoPing, SetPoints, SilenceChe
             LinkError: The port cannot be opened.
             WrongDeviceError: The port leads to a controller board, or to another robot.
             ReplyTimeoutError: No servo answers.
+            DeviceError: The servos have stored another calibration than at the first `attach`.
         """
         bus = self.bus
         if not self._borrowed:
@@ -516,6 +533,8 @@ class BusArm(PlainDriver, BareServos, Counters, ServoPing, SetPoints, SilenceChe
                     f"pings of servos {ids}", attempts=1 + bus.retries, instead=instead, advice=_ADVICE
                 )
             note_servos(bus)
+            if self._asks:
+                self._ask_calibration(here)
             self._goals.learn(here)
             self._torque = [None] * len(self.model.joints)
             self._read_torque(here)
@@ -527,6 +546,26 @@ class BusArm(PlainDriver, BareServos, Counters, ServoPing, SetPoints, SilenceChe
             self.epochs.forget()
         if self._memory.stopped and not self.epochs.stopped:
             self.epochs.assume_stopped()
+
+    def _ask_calibration(self, here: Sequence[JointModel]) -> None:
+        """Take the calibration that the servos have stored; once, since callers keep what they know of the arm."""
+        found = stored_ranges(self.bus, here)
+        if self._stored is not None:
+            changed = [name for name, row in found.items() if self._stored.get(name, row) != row]
+            if changed:
+                raise DeviceError(
+                    f"the servos of {', '.join(changed)} have stored another calibration than when this arm was "
+                    "opened, so its angles would be wrong; open it again"
+                )
+            return
+        rows = [row for row in found.values() if row is not None]
+        stored = Calibration(self._usual.name, "", tuple(rows))
+        self._stored, self.uncalibrated = found, not_calibrated(stored, self._usual)
+        # The range of a joint without stops tells nothing: it is calibrated if all others are.
+        endless = assembly_of(self._usual).endless if self.uncalibrated else ()
+        taken = tuple(row for row in rows if row.name not in self.uncalibrated and row.name not in endless)
+        if taken:
+            self._adopt(replace(stored, joints=taken))
 
     def detach(self, *, torque_off: bool = False) -> None:
         was, self._open = self._open, False
@@ -574,9 +613,15 @@ class BusArm(PlainDriver, BareServos, Counters, ServoPing, SetPoints, SilenceChe
         return None if found.error else found.status
 
     def examine(self) -> list[Finding]:
+        from hexwire.link.diagnose import Finding, Level
+
         from .checkup import examine_bus
 
-        return examine_bus(self.bus, self.model, self.probe(), self.read())
+        findings = examine_bus(self.bus, self.model, self.probe(), self.read())
+        if self.doubt:
+            advice = f"hexwire bus calibrate {self.model.name}"
+            findings.append(Finding(Level.HINT, "calibration", self.doubt, advice))
+        return findings
 
     def explain_silence(self) -> list[Finding]:
         from .checkup import explain_silence

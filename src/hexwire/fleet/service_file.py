@@ -97,7 +97,7 @@ def read_arms(
     place: Item | None = None,
     find_port: Callable[[], str] = find_only_board,
 ) -> list[ServedArm]:
-    """Check arms and build their drivers; nothing is opened.
+    """Check arms and build their drivers, as `read_settings` does.
 
     Args:
         given: Settings of `hexwire.control.requests.settings`, and ``lease``, by the name of the arm; the only arm

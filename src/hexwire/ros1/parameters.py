@@ -79,7 +79,7 @@ class Parameters:
 
 
 def load_parameters(params: Mapping[str, object]) -> tuple[Parameters, RobotDriver]:
-    """Check the node's private parameters and build the robot's driver; nothing is opened.
+    """Check the node's private parameters and build the robot's driver, as `read_settings` does.
 
     Args:
         params: Values by name without the ``~``, tables as nested mappings, as the parameter server returns them.

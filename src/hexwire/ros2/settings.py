@@ -174,7 +174,7 @@ class NodeSettings:
 
 
 def load_settings(given: Mapping[str, object], environ: Mapping[str, str]) -> tuple[NodeSettings, RobotDriver]:
-    """Check the node's parameters and build the robot's driver; nothing is opened.
+    """Check the node's parameters and build the robot's driver, as `read_settings` does.
 
     Args:
         given: Values by flat name.

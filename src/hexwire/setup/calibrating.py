@@ -29,13 +29,13 @@ from hexwire.model.arms import assembly_of
 from hexwire.model.calibration import Calibration, JointCalibration
 
 from .auto_calibration import COUNT, AutoCalibration
-from .hand_calibration import TOO_FAR, HandCalibration, ServoFacts, endless_joints, fitted, full_turn, make_row
+from .hand_calibration import HandCalibration, ServoFacts, endless_joints, fitted, full_turn, make_row
 
 if TYPE_CHECKING:
     from hexwire.bus.servo_bus import ServoBus
     from hexwire.drivers.bus_arm import BusArm
 
-__all__ = ["CalibrationBench", "counting_arm", "not_calibrated", "store", "stored_calibration"]
+__all__ = ["CalibrationBench", "counting_arm", "store"]
 
 _RATE = 50.0
 _LOOK = 5
@@ -44,7 +44,6 @@ _TURN = 4096
 _TURNS = 7
 """Turns that a servo counts to either side."""
 _FASTEST = math.radians(60.0)
-_STORED = ("position_offset", "min_position_limit", "max_position_limit")
 _CLOSE = 100
 """Counts that a joint without torque may move while its offset is stored."""
 _HOLDS = "the arm is stopped and holds with low torque; put it down, `hexwire resume`, then `hexwire torque off`"
@@ -281,52 +280,6 @@ def _accepted(bus: ServoBus, servo_id: int, name: str, raw: int) -> None:
     now = bus.read(servo_id, name).raw
     if now != raw:
         raise ServoError(f"servo {servo_id} has {name} {now} after {raw} was written", servo_id=servo_id)
-
-
-def stored_calibration(bus: ServoBus, model: ArmModel) -> Calibration:
-    """The offsets and position limits that the servos of an arm have stored. Nothing is written.
-
-    Returns:
-        A row for each servo whose limits are a range within one turn, with the date left empty.
-
-    Raises:
-        ServoError: A servo does not answer.
-    """
-    rows = []
-    for joint in model.joints:
-        known = bus.series_of(joint.servo_id).registers
-        raws: list[int | None] = []
-        for name in _STORED:
-            reading = bus.read(joint.servo_id, name) if name in known else None
-            if reading is not None and reading.raw is None:
-                reading.check()
-            raws.append(None if reading is None else reading.raw)
-        offset, low, high = raws
-        if low is not None and high is not None and 0 <= low < high < _TURN:
-            rows.append(make_row(joint, ServoFacts(offset), (offset, low, high)))
-    return Calibration(model.name, "", tuple(rows))
-
-
-def not_calibrated(stored: Calibration, model: ArmModel) -> dict[str, str]:
-    """Why joints of an arm do not count as calibrated, in words by name; empty if all do.
-
-    A new servo has its whole turn as its range, or none. Joints without stops have no range, so nothing tells.
-
-    Args:
-        stored: As from `stored_calibration`.
-        model: The arm as it usually is.
-    """
-    rows, found = {row.name: row for row in stored.joints}, {}
-    for joint in model.joints:
-        if joint.name in endless_joints(model):
-            continue
-        row = rows.get(joint.name)
-        if row is None:
-            found[joint.name] = "no range stored"
-        elif (travel := (row.high - row.low) * joint.scale) > TOO_FAR * (joint.maximum - joint.minimum):
-            usual = math.degrees(joint.maximum - joint.minimum)
-            found[joint.name] = f"{math.degrees(travel):.0f} deg stored, but it goes {usual:.0f} deg"
-    return found
 
 
 def store(bus: ServoBus, calibration: Calibration) -> tuple[str, ...]:

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
 
+from hexwire.drivers.stored_calibration import not_calibrated
 from hexwire.errors import UsageError
 
-from .calibrating import not_calibrated
 from .hand_calibration import JointProgress
 
 if TYPE_CHECKING:

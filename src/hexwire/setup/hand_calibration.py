@@ -13,6 +13,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
+from hexwire.drivers.stored_calibration import TOO_FAR
 from hexwire.errors import UsageError
 from hexwire.model.arms import assembly_of
 from hexwire.model.calibration import Calibration, JointCalibration
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from hexwire.model.arm import ArmModel, JointModel
 
 __all__ = [
-    "TOO_FAR",
     "HandCalibration",
     "JointProgress",
     "ServoFacts",
@@ -39,8 +39,6 @@ _LEAST = math.radians(5.0)
 """A joint that moved less was forgotten."""
 _ENOUGH = 0.9
 """Share of the usual range from which nothing is missing."""
-TOO_FAR = 1.3
-"""Share of the usual range beyond which a joint cannot go."""
 _GAP = 0.2
 """Seconds without an answer after which a joint may have moved on unseen."""
 _UNSEEN = 1024

@@ -30,7 +30,7 @@ from hexwire.control.requests.setting import Faults
 from hexwire.control.requests.settings_reader import read_settings
 from hexwire.control.sharing.lease import Lease
 from hexwire.control.sharing.shared import Order, SharedArm
-from hexwire.drivers.abilities import Counters, Leased
+from hexwire.drivers.abilities import Counters, Leased, StoredCalibration
 from hexwire.drivers.values import StopMode
 from hexwire.errors import HexwireError, LinkLostError, StoppedError, UsageError
 from hexwire.model.state import JointFlag
@@ -92,7 +92,6 @@ class ArmSource:
         edits: Edits of registers that can be undone, with their joints; those of a restore together.
         backups: Backups of stored settings, to compare with.
         written: How often registers were written.
-        uncalibrated: Why its angles may be wrong, as its servos said when it was opened; empty if they may not.
         listeners: Called with each state and the goals, in the owner's thread; they must not wait.
     """
 
@@ -111,7 +110,6 @@ class ArmSource:
         self.backups: list[ServoBackup] = []
         self.health, self._looked = HealthHistory(), -math.inf
         self.written = 0
-        self.uncalibrated = ""
         self._silence = silence
         self.hold_to_run = HoldToRun(silence=silence, clock=owner.now)
         self.jog = JogController(settings.model, settings.kinematics, self.shared.path_check, silence=silence)
@@ -123,6 +121,12 @@ class ArmSource:
         self._answers: dict[str, tuple[float, Any, HexwireError | None]] = {}
         # Ends what was held, so that no thread that hears of an end waits for the line.
         self._ender = ThreadPoolExecutor(1, "end of a hold")
+
+    @property
+    def uncalibrated(self) -> str:
+        """Why its angles may be wrong, as its servos said when it was opened; empty if they may not."""
+        arm = StoredCalibration.find(self.driver)
+        return "" if arm is None else arm.doubt
 
     def _sent(self, sent: SentTarget) -> None:
         self.goals.update(sent.positions)

@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, Any
 
 from hexwire.drivers.abilities import BareServos
 from hexwire.drivers.registry import load_bus_arm, load_driver, robot_at, robot_names
+from hexwire.drivers.stored_calibration import stored_calibration
 from hexwire.errors import HexwireError, UsageError
 from hexwire.inputs import Item
 from hexwire.link.url import parse_url
 from hexwire.model.arms import assembled_arms, record_of
 from hexwire.model.state import JointFlag
-from hexwire.setup.calibrating import store, stored_calibration
+from hexwire.setup.calibrating import store
 from hexwire.setup.first_run import FirstRun, FoundJoint, Stage
 
 from .access import Right

@@ -10,15 +10,12 @@ import logging
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from hexwire.control.motion.hold_to_run import SILENCE
 from hexwire.control.requests.setting import Faults
 from hexwire.control.requests.settings_reader import read_settings
 from hexwire.drivers.abilities import BareServos, Leased
-from hexwire.drivers.registry import load_bus_arm, robot_at
 from hexwire.errors import HexwireError, LeaseError, LinkLostError, UsageError
 from hexwire.link.tap import wrap_new_links
 
@@ -26,9 +23,7 @@ from .arm_source import ArmSource
 from .wire_feed import WireFeed
 
 if TYPE_CHECKING:
-    from hexwire.drivers.base import RobotDriver
     from hexwire.link.base import Link
-    from hexwire.model.calibration import Calibration
 
     from .bus_source import BusSource
     from .tabs import Tab
@@ -40,49 +35,6 @@ _log = logging.getLogger(__name__)
 _RANK = 1
 """All pages have one rank: none takes control from another without asking for it."""
 _NO_ARM = "no arm is open; choose a port on the page Arms"
-
-
-def _stored_in(driver: RobotDriver) -> Calibration | None:
-    """What the servos of an arm that a person assembles have stored; None for others, or if one does not answer.
-
-    The driver is attached meanwhile; nothing moves.
-    """
-    from hexwire.model.arms import assembled_arms
-    from hexwire.setup.calibrating import stored_calibration
-
-    bare = BareServos.find(driver)
-    if bare is None or driver.model.kind not in assembled_arms():
-        return None
-    driver.attach()
-    try:
-        return stored_calibration(bare.bus, driver.model)
-    except HexwireError:
-        # A joint that does not answer is told of elsewhere.
-        return None
-    finally:
-        driver.detach()
-
-
-def _uncalibrated(kind: str, stored: Calibration) -> str:
-    """Why the angles of an arm may be wrong; empty if its servos are calibrated."""
-    from hexwire.setup.calibrating import not_calibrated
-
-    found = not_calibrated(stored, load_bus_arm(kind).described().model)
-    if not found:
-        return ""
-    # It stands in one line above every page.
-    which = ", ".join(found) if len(found) < 3 else f"{len(found)} joints"
-    return f"not calibrated: {which} may be elsewhere than shown"
-
-
-@contextmanager
-def _arm_file(kind: str, stored: Calibration) -> Iterator[str]:
-    """An arm with the calibration that its servos have, as the file that a person would write for it."""
-    with TemporaryDirectory(prefix="hexwire-arm-") as folder:
-        file, calibration = Path(folder) / f"{kind}.toml", "calibration.toml"
-        file.with_name(calibration).write_text(stored.serialize(), encoding="utf-8")
-        file.write_text(f'name = "{kind}"\nbase = "{kind}"\ncalibration = "{calibration}"\n', encoding="utf-8")
-        yield str(file)
 
 
 class Source:
@@ -122,11 +74,11 @@ class Source:
         return "opening" if self.opening else "none"
 
     def open(self, url: str, robot: str | None = None, **settings: object) -> ArmSource:
-        """Close what is open, and open an arm; one on a servo bus with the calibration that its servos have stored.
+        """Close what is open, and open an arm.
 
         Args:
             url: Port or address.
-            robot: Its name, if the address does not say it; the file of an arm has a calibration of its own.
+            robot: Its name, if the address does not say it.
             **settings: Further settings of `hexwire.control.requests.settings`.
 
         Raises:
@@ -159,19 +111,10 @@ class Source:
             tap = self._wire.begin(url)
             with wrap_new_links(tap if kept is None else lambda _: tap(kept)):
                 read, driver = read_settings(given, Faults())
-            stored, uncalibrated = _stored_in(driver), ""
-            if stored is not None:
-                kind, link = driver.model.kind, BareServos.of(driver).servo_link
-                uncalibrated = _uncalibrated(kind, stored)
-                if (robot or robot_at(url)) == kind and not uncalibrated:
-                    # By its plain name, its servos know more of it than the model of its kind.
-                    with wrap_new_links(lambda _: link), _arm_file(kind, stored) as file:
-                        read, driver = read_settings({**given, "robot": file}, Faults())
             self._wire.expect(joint.series for joint in read.model.joints)
             arm = ArmSource(read, driver, self.silence)
             try:
                 arm.start()
-                arm.uncalibrated = uncalibrated
             except BaseException:
                 arm.shutdown()
                 raise

@@ -16,9 +16,9 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from hexwire.drivers.abilities import Counters
+from hexwire.drivers.abilities import Counters, StoredCalibration
 from hexwire.drivers.values import StopMode
-from hexwire.errors import GoalError, HexwireError, UsageError
+from hexwire.errors import DeviceError, GoalError, HexwireError, UsageError
 from hexwire.motion.set_point_generator import Mode
 from hexwire.trace.chapter_log import format_positions
 
@@ -146,9 +146,21 @@ class ControlledArm:
     # -- start and shutdown -------------------------------------------------------------------------
 
     def connect(self) -> None:
-        """Connect to the robot and create its controllers; raises as `RobotOwner.connect`."""
+        """Connect to the robot and create its controllers.
+
+        Raises:
+            HexwireError: As from `RobotOwner.connect`.
+            DeviceError: Its servos have stored a calibration, but did not answer when the settings were read.
+        """
         owner = self.owner
         owner.connect(self.settings.connect_timeout)
+        if owner.model != self.settings.model:
+            raise DeviceError(
+                "the servos have stored a calibration that was not known when this program started; start it again"
+            )
+        arm = StoredCalibration.find(owner.robot)
+        if arm is not None and arm.doubt:
+            _log.warning("%s: %s; `hexwire bus calibrate` calibrates it", owner.model.name, arm.doubt)
         # They may have changed meanwhile.
         settings = self.settings
         limits = settings.safety_at(1.0 / owner.command_period)

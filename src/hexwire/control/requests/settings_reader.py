@@ -1,7 +1,7 @@
 """Reads and checks the settings of an arm, and reports all mistakes together.
 
 Owns the checks that involve several settings or the arm: joints, poses, tolerances, controllers. Builds the driver
-but opens nothing.
+and closes again what it opens.
 """
 
 from __future__ import annotations
@@ -9,9 +9,11 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any
 
+from hexwire.drivers.abilities import StoredCalibration
 from hexwire.drivers.registry import DEFAULT_ROBOT, PORT_VARIABLE, is_address, load_driver, make_driver, robot_at
 from hexwire.errors import HexwireError, LimitError, LinkError, UsageError
 from hexwire.link.ports import find_only_board
@@ -47,7 +49,7 @@ _THRESHOLDS = tuple(field.name for field in fields(SafetyLimits) if field.name !
 def read_settings(
     given: Mapping[str, object], faults: Faults, *, find_port: Callable[[], str] = find_only_board
 ) -> tuple[Settings, RobotDriver]:
-    """Check settings and build the robot's driver; nothing is opened.
+    """Check settings and build the robot's driver. Nothing moves, and what was opened is closed again.
 
     Args:
         given: Values by name; tables are nested mappings.
@@ -64,6 +66,8 @@ def read_settings(
     values = {row.name: faults.read(row, given.get(row.name, row.default)) for row in SETTINGS}
     faults.only(given, _ROWS)
     driver, like = _make_driver(values, faults)
+    if not faults.texts:
+        _meet(driver)
     model = None if like is None else like.model
     values["kinematics"] = kinematics = None if like is None else _make_kinematics(values, like, faults)
     values["poses"] = _make_poses(values["poses"], model, kinematics, faults)
@@ -74,6 +78,7 @@ def read_settings(
     if driver is None:
         values["port"] = url = find_port()
         driver = load_driver(values["robot"]).from_url(url)
+        _meet(driver)
     values["model"] = driver.model
     if kinematics is not None:
         driver.kinematics = kinematics
@@ -141,6 +146,16 @@ def _make_driver(values: dict[str, Any], faults: Faults) -> tuple[RobotDriver | 
         if not url:
             faults.add("port", f"{values['robot']} needs a port ({error})")
         return None, None
+
+
+def _meet(driver: RobotDriver | None) -> None:
+    """Let an arm take the calibration that its servos have stored: all that is read here depends on its angles."""
+    arm = None if driver is None else StoredCalibration.find(driver)
+    if driver is not None and arm is not None and arm.may_change_model:
+        # Why that fails is told when the arm is used.
+        with suppress(HexwireError):
+            driver.attach()
+            driver.detach()
 
 
 def _make_kinematics(values: dict[str, Any], like: RobotDriver, faults: Faults) -> KinematicModel | None:
