@@ -6,15 +6,37 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from tests.studio.running import PATIENCE
 
 from hexwire.link.tap import Direction, Passed
 from hexwire.trace.sources import read_traffic
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Page
+    from playwright.sync_api import Browser, Page, ViewportSize
     from tests.studio.running import RunningStudio
 
 CAPTURES = Path(__file__).parents[3] / "vectors" / "captures"
+PHONE: ViewportSize = {"width": 390, "height": 844}
+FINGER = 44
+"""Pixels that a finger hits."""
+_SMALL = """(least) => {
+    const pressed = "main :is(button, select, input, summary, [role=option], [role=treeitem], .hw-wire-open)";
+    return [...document.querySelectorAll(pressed)].flatMap((one) => {
+        const box = ["checkbox", "file"].includes(one.type) && one.closest("label") || one;
+        if (!box.checkVisibility({ visibilityProperty: true })) return [];
+        const { width, height } = box.getBoundingClientRect();
+        return Math.min(width, height) < least - 0.5 ? [`${one.className} ${width} ${height}`] : [];
+    });
+}"""
+_IN_SIGHT = """() => {
+    const box = document.querySelector(".hw-wire-list").getBoundingClientRect();
+    return [...document.querySelectorAll(".hw-wire-row:not([hidden])")]
+        .map((row) => [row.getBoundingClientRect(), row])
+        .filter(([row]) => row.top >= box.top - 1 && row.bottom <= box.bottom + 1)
+        .sort(([one], [other]) => one.top - other.top)
+        .map(([, row]) => Number(row.dataset.number));
+}"""
+"""Numbers of the frames that are whole in sight, from above."""
 
 
 @pytest.fixture
@@ -205,3 +227,103 @@ def test_follow_keeps_its_state_until_somebody_ticks_it_or_scrolls_back(wire: Pa
     frames.hover()
     wire.mouse.wheel(0, -150)
     wire.wait_for_function("!document.querySelector('.hw-wire-label input').checked")
+
+
+def test_a_phone_shows_the_frames_or_one_with_those_around_it(wire: Page) -> None:
+    wire.set_viewport_size(PHONE)
+
+    def fits() -> None:
+        size = wire.evaluate("(({ scrollWidth: x, scrollHeight: y }) => [x, y])(document.documentElement)")
+        assert size == list(PHONE.values())
+        assert not wire.evaluate(_SMALL, FINGER)
+
+    more, close = (wire.get_by_role("button", name=name, exact=True) for name in ("More", "Close"))
+    wire.wait_for_function(f"({_IN_SIGHT})().length > 8")
+    fits()
+    # What is needed now and then is in a sheet, which leaves STOP in sight.
+    clear = wire.get_by_role("button", name="Clear", exact=True)
+    assert not clear.is_visible()
+    more.click()
+    wire.get_by_text("Words", exact=True).click()
+    wire.get_by_text("names servo 3").wait_for()
+    fits()
+    assert wire.get_by_role("button", name="STOP", exact=True).evaluate(
+        """(stop) => {
+            const { left, top, width, height } = stop.getBoundingClientRect();
+            return document.elementFromPoint(left + width / 2, top + height / 2) === stop;
+        }"""
+    )
+    clear.click()
+    clear.wait_for(state="hidden")
+    # The list stays at a frame that is read, although others come.
+    wire.wait_for_function(f"({_IN_SIGHT})().length > 8")
+    number = wire.evaluate(
+        f"""() => {{
+            const number = ({_IN_SIGHT})()[4], row = document.getElementById(`hw-wire-${{number}}`);
+            row.dispatchEvent(new PointerEvent("pointerdown", {{ bubbles: true }}));
+            row.click();
+            return number;
+        }}"""
+    )
+    detail = wire.get_by_role("region", name="The selected frame")
+    detail.get_by_text(f"Frame {number}, ").wait_for()
+    around = [number - 1, number, number + 1]
+    wire.wait_for_function(f"(around) => String(({_IN_SIGHT})()) === String(around)", arg=around)
+    wire.wait_for_timeout(500)
+    assert wire.evaluate(_IN_SIGHT) == around
+    fits()
+    # The chosen field is in sight among the fields, and so are its bytes.
+    for part in ('[role="treeitem"][aria-selected="true"]', ".hw-wire-byte.hw-wire-cursor"):
+        assert detail.locator(part).evaluate(
+            """(one) => {
+                const [inner, outer] = [one, one.parentElement].map((each) => each.getBoundingClientRect());
+                return inner.top >= outer.top && inner.bottom <= outer.bottom;
+            }"""
+        ), part
+    cursor = detail.locator(".hw-wire-byte.hw-wire-cursor")
+    at = int(cursor.get_attribute("data-at") or "")
+    wire.get_by_role("listbox", name="Bytes of the frame").press("ArrowUp")
+    assert cursor.get_attribute("data-at") == str(at - 8)
+    close.click()
+    wire.wait_for_function(f"({_IN_SIGHT})().length > 8 && ({_IN_SIGHT})()[0] > {number}")
+    # A file has nothing to pause or to follow, and its frames are seen first.
+    open_file(wire, "cut-frame.pcapng")
+    wire.get_by_role("button", name="Back to the line").wait_for()
+    wire.wait_for_function(f"({_IN_SIGHT})().length === 6")
+    assert not close.is_visible()
+    assert not wire.get_by_role("button", name="Pause").is_visible()
+    assert not wire.get_by_label("Follow").is_visible()
+
+
+@pytest.mark.slow
+def test_a_list_that_follows_does_not_move_under_a_finger(studio: RunningStudio, browser: Browser) -> None:
+    context = browser.new_context(viewport=PHONE, has_touch=True, is_mobile=True, bypass_csp=True)
+    context.set_default_timeout(1000 * PATIENCE)
+    try:
+        page = context.new_page()
+        page.goto(studio.operate_url.replace("/?", "/wire?"))
+        page.get_by_role("option", name="JOINT_STATE").first.wait_for()
+        page.wait_for_function("document.querySelector('.hw-wire-inner').clientHeight > 2000")
+        follow, top = page.get_by_label("Follow"), "document.querySelector('.hw-wire-list').scrollTop"
+        touch = context.new_cdp_session(page)
+
+        def send(kind: str, *y: float) -> None:
+            touch.send(
+                "Input.dispatchTouchEvent",
+                {"type": f"touch{kind}", "touchPoints": [{"x": 200, "y": each} for each in y]},
+            )
+
+        # So slowly that no step alone is a way back.
+        send("Start", 500)
+        for i in range(60):
+            send("Move", 500 + 2 * i)
+        send("End")
+        page.wait_for_function("!document.querySelector('.hw-wire-label input').checked")
+        before = page.evaluate(top)
+        height = page.evaluate("document.querySelector('.hw-wire-inner').clientHeight")
+        page.wait_for_function(f"document.querySelector('.hw-wire-inner').clientHeight > {height + 440}")
+        assert page.evaluate(top) == before
+        follow.check()
+        page.wait_for_function(f"{top} > {before + 440}")
+    finally:
+        context.close()

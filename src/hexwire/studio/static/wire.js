@@ -28,7 +28,7 @@ const SERIES = [
 ];
 const HELP = [
   ["servo 3", "names servo 3; servo 3,4 one of both"],
-  ["joint_move", "that command or instruction; another word is searched for in the text"],
+  ["joint_move", "that command or instruction; another word, such as error, is searched for in the text"],
   ['"two words"', "searched for in the text"],
   ["bad", "no valid frame or packet; doubt also what has a remark"],
   ["sent, received, unanswered, frame, packet", "what they say; so do request, answer and report"],
@@ -61,16 +61,17 @@ class WirePage {
   asking = null;
   /** @type {object | null} */
   selecting = null;
-  rate = { number: 0, time: 0, value: 0 };
+  rate = { number: 0, time: 0, value: NaN };
   timer = 0;
   typing = 0;
 
   filterBox = node("input", {
-    id: "hw-wire-filter", class: "hw-wire-input", type: "text", spellcheck: "false", autocomplete: "off", maxlength: "150",
-    placeholder: "servo 3 joint_move", oninput: () => this.setFilter(), "aria-describedby": "hw-wire-problem",
+    id: "hw-wire-filter", class: "hw-wire-input", type: "text", spellcheck: "false", autocomplete: "off", autocapitalize: "none",
+    maxlength: "150", placeholder: "servo 3 joint_move", oninput: () => this.setFilter(), "aria-describedby": "hw-wire-problem",
   });
   pauseButton = button("Pause", () => this.setPaused(!this.paused), { "aria-pressed": "false" });
   followBox = node("input", { type: "checkbox", checked: true });
+  followLabel = node("label", { class: "hw-wire-label" }, this.followBox, " Follow");
   seriesBox = node("select");
   fileBox = node("input", { type: "file", class: "hw-wire-file", "aria-label": "Open a recording, capture or log" });
   liveButton = button("Back to the line", () => this.backToLine(), { hidden: true });
@@ -79,6 +80,8 @@ class WirePage {
   status = node("span", { class: "hw-wire-status" });
   note = node("p", { class: "hw-wire-note", hidden: true });
   listBox = node("div", { class: "hw-wire-list", role: "listbox", tabindex: "0", "aria-label": "Frames" });
+  // On a phone a sheet, which each of its buttons closes; elsewhere its parts stand in the bar.
+  sheet = node("div", { id: "hw-wire-more", popover: "auto" });
   detailBox = node("section", { class: "hw-wire-detail", "aria-label": "The selected frame" });
 
   /**
@@ -100,7 +103,7 @@ class WirePage {
     // As it was left: the page is made anew each time that somebody comes to it.
     this.list.setFollow(sessionStorage.getItem(FOLLOW) !== "0");
     this.followBox.addEventListener("change", () => this.list.setFollow(this.followBox.checked));
-    this.detail = new Detail(this.detailBox, { onSelect: (number) => this.list.select(number) });
+    this.detail = new Detail(this.detailBox, { onSelect: (number) => this.list.select(number), onClose: () => this.close() });
     this.poll();
   }
 
@@ -112,20 +115,22 @@ class WirePage {
     this.fileBox.addEventListener("change", () => this.openFile(this.fileBox.files?.[0]));
     const help = node("dl", { class: "hw-wire-help" });
     for (const [word, text] of HELP) help.append(node("dt", {}, word), node("dd", {}, text));
+    const shut = { popovertarget: this.sheet.id, popovertargetaction: "hide" };
+    this.sheet.append(
+      node("details", { class: "hw-wire-guide" }, node("summary", {}, "Words"), help),
+      button("Clear", () => this.clear(), shut),
+      node("label", { class: "hw-wire-label" }, "Servos ", this.seriesBox),
+      node("label", { class: "hw-button hw-wire-open" }, "Open file", this.fileBox),
+      button("Save MCAP", () => this.save("mcap"), shut),
+      button("Save pcapng", () => this.save("pcapng"), shut),
+    );
     this.root.replaceChildren(
       node("div", { class: "hw-wire-bar" },
         node("label", { class: "hw-wire-label hw-wire-grow" }, "Filter ", this.filterBox),
-        node("details", { class: "hw-wire-words" }, node("summary", {}, "Words"), help),
-        this.pauseButton,
-        node("label", { class: "hw-wire-label" }, this.followBox, " Follow"),
-        button("Clear", () => this.clear()),
-        node("label", { class: "hw-wire-label" }, "Servos ", this.seriesBox),
-        node("label", { class: "hw-button hw-wire-open" }, "Open file", this.fileBox),
-        this.liveButton,
-        button("Save MCAP", () => this.save("mcap")),
-        button("Save pcapng", () => this.save("pcapng")),
-      ),
-      node("div", { class: "hw-wire-line" }, this.kinds(), this.status, this.problem, this.refusal),
+        node("button", { type: "button", class: "hw-button hw-wire-phone", popovertarget: this.sheet.id }, "More"),
+        this.sheet),
+      node("div", { class: "hw-wire-line" },
+        this.liveButton, this.pauseButton, this.followLabel, this.kinds(), this.status, this.problem, this.refusal),
       this.note,
       node("div", { class: "hw-wire-panes" },
         node("div", { class: "hw-wire-left" },
@@ -201,16 +206,17 @@ class WirePage {
       const first = this.source === "";
       this.source = page.id;
       this.since = 0;
-      this.rate = { number: page.newest, time: performance.now(), value: 0 };
+      // What was kept before somebody looked comes in the first second, and is no rate.
+      this.rate = { number: NaN, time: performance.now(), value: NaN };
       this.clear();
       if (!first) return;
     }
     this.since = page.next;
     this.list.live = page.view === "live";
-    this.followBox.disabled = !this.list.live;
     this.offset = this.list.offset = page.offset;
     this.list.push(page.rows);
-    if (page.view === "file" && !this.list.selected && this.list.rows.length) {
+    // Unless a frame would take the room of the list.
+    if (page.view === "file" && !this.list.selected && this.list.rows.length && this.detailBox.clientWidth) {
       this.list.select(this.list.rows[0][NUMBER]);
     }
     this.show(page);
@@ -226,11 +232,13 @@ class WirePage {
     }
     const shown = `${this.list.rows.length} of ${page.newest} frames`;
     const where = page.view === "file" ? page.name : page.name ? `live: ${page.name}` : "";
-    const rate = page.view === "live" && page.name ? `${this.rate.value.toFixed(0)} frames/s` : "";
+    const rate = page.view === "live" && page.name && this.rate.value >= 0 ? `${this.rate.value.toFixed(0)} frames/s` : "";
     this.status.textContent = [where, shown, rate].filter(Boolean).join(", ");
     this.note.textContent = page.note;
     this.note.hidden = !page.note;
     this.liveButton.hidden = page.view !== "file";
+    // A file does not go on.
+    this.pauseButton.hidden = this.followLabel.hidden = page.view === "file";
     if (document.activeElement !== this.seriesBox) this.seriesBox.value = page.series;
   }
 
@@ -278,6 +286,14 @@ class WirePage {
     this.detail.clear();
   }
 
+  /** Show no frame: the list has all the room. */
+  close() {
+    this.selecting = null;
+    this.detail.clear();
+    this.list.select(0, { quiet: true });
+    this.listBox.focus();
+  }
+
   /** @param {boolean} paused */
   setPaused(paused) {
     this.paused = paused;
@@ -302,6 +318,7 @@ class WirePage {
   /** @param {File} [file] */
   async openFile(file) {
     if (!file) return;
+    this.sheet.hidePopover();
     const address = withQuery("/wire/open", { tab: this.tab, name: file.name, series: this.seriesBox.value });
     this.setPaused(false);
     await this.act(() => ask(address, { method: "POST", body: file }));

@@ -45,15 +45,18 @@ export class Detail {
 
   /**
    * @param {HTMLElement} element
-   * @param {{ onSelect: (number: number) => void }} told
+   * @param {{ onSelect: (number: number) => void, onClose: () => void }} told
    */
-  constructor(element, { onSelect }) {
+  constructor(element, { onSelect, onClose }) {
     this.onSelect = onSelect;
     this.head = node("div", { class: "hw-wire-head", role: "status" });
     this.bytes = node("div", { class: "hw-wire-bytes", tabindex: 0, role: "listbox", "aria-label": "Bytes of the frame" });
     this.info = node("div", { class: "hw-wire-info", "aria-live": "polite" });
     this.tree = node("div", { class: "hw-wire-tree", tabindex: 0, role: "tree", "aria-label": "Layers and fields of the frame" });
-    element.append(this.head, this.bytes, this.info, this.tree);
+    element.append(
+      node("button", { type: "button", class: "hw-button hw-wire-phone", onclick: onClose }, "Close"),
+      this.head, this.bytes, this.info, this.tree,
+    );
     this.bytes.addEventListener("keydown", (event) => this.byteKey(event));
     this.tree.addEventListener("keydown", (event) => this.treeKey(event));
     for (const box of [this.bytes, this.tree]) {
@@ -95,6 +98,7 @@ export class Detail {
     const wrong = this.parts.find((part) => part.problem && !part.parts);
     this.choose(wrong || kept || first || this.parts[0], { scroll: false });
     reveal(this.tree, this.chosen?.item);
+    reveal(this.bytes, this.cells[this.byte]);
   }
 
   /**
@@ -272,8 +276,10 @@ export class Detail {
 
   /** @param {KeyboardEvent} event */
   byteKey(event) {
+    const columns = getComputedStyle(this.bytes).gridTemplateColumns.split(" ").length;
+    const width = columns - (columns % 8); // 8 or 16 of them are bytes
     /** @type {Record<string, number>} */
-    const steps = { ArrowRight: 1, ArrowLeft: -1, ArrowDown: WIDTH, ArrowUp: -WIDTH, Home: -Infinity, End: Infinity };
+    const steps = { ArrowRight: 1, ArrowLeft: -1, ArrowDown: width, ArrowUp: -width, Home: -Infinity, End: Infinity };
     if (!(event.key in steps) || !this.data || event.altKey || event.ctrlKey || event.metaKey) return;
     event.preventDefault();
     this.byte = Math.min(this.cells.length - 1, Math.max(0, this.byte + steps[event.key]));

@@ -1,12 +1,12 @@
 // The list of frames: any number of rows, of which only the visible ones are elements. A batch of rows is drawn once,
-// in the next frame of the browser.
+// in the next frame of the browser. The style says how high a row is: a finger needs more than a mouse.
 
 import { node, put, within } from "./widgets.js";
 
-const ROW = 22; // px, as in wire.css
 const MOST = 10000; // rows of a file
 const MOST_LIVE = 6000; // as many as the studio keeps of the line
 const SPARE = 8; // rows above and below what is visible
+const FEW = 4; // a list that is not higher stays where the selected frame is
 
 // Places in a row, as traffic.py writes it.
 export const NUMBER = 0, TIME = 1, SENT = 2, KIND = 3, SIZE = 4, TEXT = 5, PROBLEM = 6, BAD = 7, REQUEST = 8, TOOK = 9;
@@ -52,8 +52,11 @@ export class FrameList {
     this.selected = 0;
     this.follow = true; // what the person wants: only the box ticks it, and scrolling back unticks it
     this.live = true; // a file does not go on
+    this.height = 22; // of a row, px
     this.placed = 0; // where the list was put last, not by the person
-    this.held = false; // by a finger, the mouse on its bar, or a key: only then does scrolling say what the person wants
+    this.grown = false; // rows have come since it was put there
+    this.held = false; // by the mouse on its bar or by a key: only then, or by a finger, scrolling says what the person wants
+    this.touched = false; // by a finger, under which the list must not move
     this.asked = false;
     this.inner = document.createElement("div");
     this.inner.className = "hw-wire-inner";
@@ -76,12 +79,17 @@ export class FrameList {
       this.held = true;
       window.addEventListener(until, () => (this.held = false), { once: true });
     };
-    element.addEventListener("touchstart", () => hold("touchend"), { passive: true });
+    for (const name of ["touchstart", "touchend", "touchcancel"]) {
+      element.addEventListener(name, (event) => {
+        this.scrolled();
+        this.touched = /** @type {TouchEvent} */ (event).touches.length > 0;
+      }, { passive: true });
+    }
     element.addEventListener("keydown", () => hold("keyup"));
     element.addEventListener("pointerdown", (event) => {
       if (event.target === element || event.button === 1) hold("pointerup");
     });
-    new ResizeObserver(() => this.draw()).observe(element);
+    new ResizeObserver(() => this.resize()).observe(element);
   }
 
   clear() {
@@ -105,8 +113,11 @@ export class FrameList {
     if (this.rows.length > most + 1000) {
       const gone = this.rows.splice(0, this.rows.length - most);
       for (const row of gone) this.answers.delete(row[NUMBER]);
-      if (!this.follow) this.element.scrollTop = this.placed = this.element.scrollTop - gone.length * ROW;
+      const above = gone.length * this.height;
+      if (!this.goesOn || this.touched) this.element.scrollTop -= above;
+      this.placed -= above;
     }
+    this.grown = true;
     this.draw();
   }
 
@@ -139,18 +150,36 @@ export class FrameList {
       if (row[REQUEST]) this.partners.add(row[REQUEST]);
       const answer = this.answers.get(number);
       if (answer) this.partners.add(answer);
-      const top = place * ROW;
-      if (top < this.element.scrollTop) this.element.scrollTop = top;
-      const under = top + ROW - this.element.clientHeight;
-      if (under > this.element.scrollTop) this.element.scrollTop = under;
+      this.reveal(place);
     }
     this.draw();
     if (!quiet) this.onSelect(number);
   }
 
+  /** @param {number} place */
+  reveal(place) {
+    const { element, height } = this;
+    const under = (place + 1) * height - element.clientHeight;
+    element.scrollTop = Math.min(place * height, Math.max(under, element.scrollTop));
+  }
+
+  /** The list has another size, perhaps also its rows. What is looked at stays in sight. */
+  resize() {
+    const height = parseFloat(getComputedStyle(this.element).getPropertyValue("--row")) || this.height;
+    const first = this.element.scrollTop / this.height;
+    if (height !== this.height) for (const line of this.pool) line.key = "";
+    this.height = height;
+    this.inner.style.height = `${this.rows.length * height}px`;
+    this.element.scrollTop = this.placed = first * height;
+    const place = this.place(this.selected);
+    if (this.find(this.selected)) for (const near of [place - 1, place + 1, place]) this.reveal(near);
+    else this.grown = true;
+    this.draw();
+  }
+
   /** @param {KeyboardEvent} event */
   key(event) {
-    const page = Math.max(1, Math.floor(this.element.clientHeight / ROW) - 1);
+    const page = Math.max(1, Math.floor(this.element.clientHeight / this.height) - 1);
     /** @type {Record<string, number>} */
     const steps = { ArrowDown: 1, ArrowUp: -1, PageDown: page, PageUp: -page, Home: -Infinity, End: Infinity };
     if (!(event.key in steps) || !this.rows.length || event.altKey || event.ctrlKey || event.metaKey) return;
@@ -169,16 +198,21 @@ export class FrameList {
   }
 
   scrolled() {
-    if (this.held && this.element.scrollTop < this.placed - ROW / 2) this.setFollow(false);
+    if ((this.held || this.touched) && this.element.scrollTop < this.placed - this.height / 2) this.setFollow(false);
     this.draw();
   }
 
   /** @param {boolean} follow */
   setFollow(follow) {
     if (follow === this.follow) return;
-    this.follow = follow;
+    this.follow = this.grown = follow;
     this.onFollow(follow);
     this.draw();
+  }
+
+  /** Whether it goes along with new rows: what is no more than the surroundings of a frame does not. */
+  get goesOn() {
+    return this.follow && this.live && this.element.clientHeight > FEW * this.height;
   }
 
   draw() {
@@ -191,14 +225,17 @@ export class FrameList {
   }
 
   paint() {
-    const { element, inner, rows } = this;
-    const height = `${rows.length * ROW}px`;
-    if (inner.style.height !== height) inner.style.height = height;
-    if (this.follow && this.live) element.scrollTop = rows.length * ROW;
-    this.placed = element.scrollTop;
-    const first = Math.max(0, Math.floor(element.scrollTop / ROW) - SPARE);
+    const { element, inner, rows, height } = this;
+    const whole = `${rows.length * height}px`;
+    if (inner.style.height !== whole) inner.style.height = whole;
+    if (!this.touched) {
+      if (this.goesOn && this.grown) element.scrollTop = rows.length * height;
+      this.grown = false;
+      this.placed = element.scrollTop;
+    }
+    const first = Math.max(0, Math.floor(element.scrollTop / height) - SPARE);
     const seen = Math.min(element.clientHeight, window.innerHeight); // however tall the list is without its style
-    const last = Math.min(rows.length, Math.ceil((element.scrollTop + seen) / ROW) + SPARE);
+    const last = Math.min(rows.length, Math.ceil((element.scrollTop + seen) / height) + SPARE);
     // A row keeps its element while it is in sight, so that little changes when new ones come.
     while (this.pool.length < last - first) this.pool.push(this.line());
     const size = this.pool.length;
@@ -242,7 +279,7 @@ export class FrameList {
     element.hidden = false;
     element.id = `hw-wire-${number}`;
     element.dataset.number = String(number);
-    element.style.transform = `translateY(${place * ROW}px)`;
+    element.style.transform = `translateY(${place * this.height}px)`;
     element.setAttribute("aria-selected", selected ? "true" : "false");
     element.setAttribute("aria-posinset", String(place + 1));
     put(numberCell, String(number));
