@@ -12,7 +12,7 @@ ROS1 := python3-actionlib python3-diagnostic-msgs python3-rosmaster python3-rosp
 # What builds the firmware.
 APT_AVR := arduino-core-avr avr-libc binutils-avr gcc-avr make
 # The Debian packages that the tests use.
-APT_TEST := $(APT_AVR) ament-cmake avrdude chromium clang fish g++ gcc libclang-rt-dev libegl1 libelf-dev iproute2 \
+APT_TEST := $(APT_AVR) ament-cmake avrdude chromium-headless-shell clang fish g++ gcc libclang-rt-dev libegl1 libelf-dev iproute2 \
     libgl1-mesa-dri libsimavr-dev liburdfdom-tools mandoc nftables sigrok-cli tshark xvfb zsh $(ROS1)
 
 # The first Python that is new enough; `make PYTHON=/path/to/python3.12 test` selects another.

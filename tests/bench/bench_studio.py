@@ -27,7 +27,7 @@ from typing import IO, TYPE_CHECKING
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 
 from tests.bench.board import board, cpu, memory, servo_bus
-from tests.studio.chromium import chromium
+from tests.studio.chromium import PROGRAM, chromium
 from tests.studio.first_picture import first_picture
 
 from hexwire.control.requests.history import History
@@ -69,7 +69,7 @@ _JOG = """() => {
 
 def run() -> Iterator[str]:
     """Figures of the studio, each beside its aim."""
-    if not Path("/usr/bin/chromium").exists():
+    if not Path(PROGRAM).exists():
         yield "left out: Chromium is not installed (`make test` installs it)"
         return
     with ExitStack() as stack:

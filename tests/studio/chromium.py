@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-__all__ = ["chromium"]
+__all__ = ["PROGRAM", "chromium"]
 
-_PROGRAM = "/usr/bin/chromium"
+PROGRAM = "/usr/bin/chromium-headless-shell"
+"""Chromium without the frame of a browser around its pages, which takes a quarter of the processor time."""
 _ARGUMENTS = (
     "--no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
     "--disable-component-update --disable-sync "
@@ -35,7 +36,7 @@ def chromium(*, one_renderer: bool = False) -> Iterator[Browser]:
     arguments = f"{_ARGUMENTS} {_ONE_RENDERER}" if one_renderer else _ARGUMENTS
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
         made = playwright.chromium.launch(
-            executable_path=_PROGRAM, headless=True, args=arguments.split(), downloads_path=folder
+            executable_path=PROGRAM, headless=True, args=arguments.split(), downloads_path=folder
         )
         try:
             yield made
