@@ -1,10 +1,12 @@
-"""Fixtures for code blocks in documents: in a fence ``python fixture:emulated_arm`` an arm is plugged in.
+"""What a test or a block of a document changes for its program is as before after it, and fixtures for blocks.
 
-The names of modules that a block or a test registers are forgotten after it: a later test may use the id.
+In a fence ``python fixture:emulated_arm`` an arm is plugged in. Names of modules that a block or a test registers
+are forgotten after it: a later test may use the id.
 """
 
 from __future__ import annotations
 
+import signal
 import time
 from collections.abc import Generator, Iterator
 
@@ -17,6 +19,8 @@ from hexwire.emulator.board import make_hex7bot_board
 from hexwire.emulator.serve_pty import PtyServer
 from hexwire.wire import modules
 
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collect_file() -> Generator[None, list[pytest.Collector], list[pytest.Collector]]:
@@ -26,20 +30,31 @@ def pytest_collect_file() -> Generator[None, list[pytest.Collector], list[pytest
 
 
 @pytest.fixture(autouse=True)
-def _no_module_left() -> Iterator[None]:
-    before = set(modules._named)
+def _as_before() -> Iterator[None]:
+    """Forget names of modules, and take back handlers of signals that a command has for the rest of its program.
+
+    One fixture: each costs every one of the many tests as much as a small test takes.
+    """
+    named = set(modules._named)
+    handlers = [(number, signal.getsignal(number)) for number in _SIGNALS]
     yield
-    for name in modules._named.keys() - before:
-        module = modules._named.pop(name)
+    for number, handler in handlers:
+        if signal.getsignal(number) is not handler:
+            signal.signal(number, handler)
+    for number in modules._named.keys() - named:
+        module = modules._named.pop(number)
         module._name_ = str(int(module))
 
 
-@pytest.fixture(autouse=True)
-def _patient_blocks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, None, None]:
     """A busy machine may let the emulated arm of a block wait."""
-    if isinstance(request.node, MarkdownInlinePythonItem):
-        patient(monkeypatch)
-        patient_line(monkeypatch)
+    if not isinstance(item, MarkdownInlinePythonItem):
+        return (yield)
+    with pytest.MonkeyPatch.context() as patched:
+        patient(patched)
+        patient_line(patched)
+        return (yield)
 
 
 @pytest.fixture

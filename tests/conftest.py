@@ -41,8 +41,6 @@ settings.register_profile("thorough", max_examples=5000, **_quiet)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci" if os.environ.get("CI") else "default"))
 
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-
 # A shell ignores Ctrl-C for what it starts in the background, and so would every program that a test starts.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -114,16 +112,6 @@ def belongs_to(monkeypatch: pytest.MonkeyPatch) -> BelongsTo:
         owners[found.st_dev, found.st_ino] = uid
 
     return say
-
-
-@pytest.fixture(autouse=True)
-def _signals_as_before() -> Iterator[None]:
-    """Take back the signal handlers that a command has installed for the rest of its program."""
-    before = {number: signal.getsignal(number) for number in _SIGNALS}
-    yield
-    for number, handler in before.items():
-        if signal.getsignal(number) is not handler:
-            signal.signal(number, handler)
 
 
 @pytest.fixture(autouse=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tests.conftest import _no_thread_left, _signals_as_before
+from tests.conftest import _no_thread_left
 from zenoh_ros2_tests.fixtures import make_node, raw, router, settings
 
-__all__ = ["_no_thread_left", "_signals_as_before", "make_node", "raw", "router", "settings"]
+__all__ = ["_no_thread_left", "make_node", "raw", "router", "settings"]
