@@ -1,6 +1,7 @@
 """Answers that come after newer ones, or after their page was left, and what is told only once.
 
-Which answer comes late is decided here: `HOLD` keeps the answers of a call until they are let go.
+Which answer comes late is decided here: `HOLD` keeps the answers of a call until they are let go. `make test` has
+what moves an arm or replaces a file, and one for each page.
 """
 
 from __future__ import annotations
@@ -73,6 +74,7 @@ def _end_teaching(studio: RunningStudio) -> None:
 # -- Move ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_an_older_answer_does_not_say_that_the_arm_is_taught(studio: RunningStudio, operator: Page) -> None:
     studio.torque()
     open_page(operator)
@@ -89,6 +91,7 @@ def test_an_older_answer_does_not_say_that_the_arm_is_taught(studio: RunningStud
     expect(start).to_be_visible()
 
 
+@pytest.mark.slow
 def test_poses_that_are_saved_quickly_are_all_in_the_list(studio: RunningStudio, operator: Page) -> None:
     open_page(operator)
     operator.locator("#arm-poses").get_by_text("home").wait_for()
@@ -112,6 +115,7 @@ def test_poses_that_are_saved_quickly_are_all_in_the_list(studio: RunningStudio,
                 poses.remove(each)
 
 
+@pytest.mark.slow
 def test_the_preview_of_the_pose_that_was_wanted_last_stays(studio: RunningStudio, operator: Page) -> None:
     poses = studio.studio.source.arm.motions.poses  # type: ignore[union-attr]  # one is open
     poses.save("later", dict(studio.arm.owner.state.positions), force=True)
@@ -128,6 +132,7 @@ def test_the_preview_of_the_pose_that_was_wanted_last_stays(studio: RunningStudi
         poses.remove("later")
 
 
+@pytest.mark.slow
 def test_why_teaching_did_not_end_stays_in_sight(studio: RunningStudio, operator: Page) -> None:
     studio.torque()
     open_page(operator)
@@ -151,6 +156,7 @@ def test_why_teaching_did_not_end_stays_in_sight(studio: RunningStudio, operator
     _end_teaching(studio)
 
 
+@pytest.mark.slow
 def test_teaching_goes_on_while_its_page_was_left(studio: RunningStudio, operator: Page) -> None:
     studio.torque()
     open_page(operator)
@@ -186,6 +192,7 @@ def test_steps_that_wait_are_not_done_when_their_page_was_left(operator: Page) -
     assert operator.evaluate("held.length") == 1
 
 
+@pytest.mark.slow
 def test_a_motion_that_goes_on_is_seen_by_whoever_comes_to_the_page(studio: RunningStudio, operator: Page) -> None:
     open_page(operator)
     prepare(operator, speed=30)
@@ -222,6 +229,7 @@ def program(studio: RunningStudio, operator: Page) -> Page:
     return operator
 
 
+@pytest.mark.slow
 def test_a_program_keeps_the_name_of_its_file(program: Page) -> None:
     """What is chosen when it comes would be its name, and be replaced by it."""
     program.evaluate(HOLD, "arm.program")
@@ -253,6 +261,7 @@ def test_a_name_that_is_typed_while_a_program_is_saved_replaces_no_file(
     assert read_program(file).rows()[0]["wait"] == 2
 
 
+@pytest.mark.slow
 def test_the_check_of_a_program_that_was_changed_meanwhile_says_nothing(program: Page) -> None:
     part = program.locator("#arm-program")
     part.get_by_role("button", name="Open").click()
@@ -271,6 +280,7 @@ def test_the_check_of_a_program_that_was_changed_meanwhile_says_nothing(program:
 # -- First run -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_an_older_look_does_not_take_the_first_run_back(served: RunningStudio, blank: Page) -> None:
     studio = served.studio
     blank.goto(served.operate_url.replace("/?", "/signals?"))
@@ -306,6 +316,7 @@ def test_what_the_next_step_needs_is_not_wiped_out_by_the_answer_to_the_first(
     expect(missing).to_have_text("Take control to go on.")
 
 
+@pytest.mark.slow
 def test_what_is_marked_while_a_picture_is_loaded_is_marked(page: Page) -> None:
     page.evaluate(HOLD, "first.shape")
     page.evaluate(
@@ -346,6 +357,7 @@ def test_whoever_left_the_page_is_not_fetched_back_by_an_arm_that_is_open_at_las
     assert page.evaluate("location.pathname") == "/signals"
 
 
+@pytest.mark.slow
 def test_nor_by_a_shared_arm(page: Page) -> None:
     page.evaluate(_ARMS)
     page.get_by_role("button", name="Open lab/a in this studio").click()
@@ -452,6 +464,7 @@ def test_what_was_read_of_a_servo_before_is_not_shown_last(
 # -- Wire ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_frame_that_was_selected_last_stays_selected(page: Page) -> None:
     leave(page, "Wire")
     page.get_by_role("option", name="JOINT_STATE").first.wait_for()
@@ -474,6 +487,7 @@ def test_the_frame_that_was_selected_last_stays_selected(page: Page) -> None:
 # -- Recordings ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_arm_of_the_recording_that_is_shown_stays(page: Page) -> None:
     seen = page.evaluate(
         """async () => {
@@ -513,20 +527,16 @@ def played(studio: RunningStudio, operator: Page) -> Page:
     operator.evaluate(
         "() => { window.begun = 0; hexwire.hold = () => { window.begun += 1; return new Promise(() => {}); }; }"
     )
-    play.click()
-    held(operator)
     return operator
 
 
-@pytest.mark.parametrize("how", ["left", "ended", "stopped", "hidden"])
 def test_a_recording_that_is_checked_does_not_begin_when_it_is_not_wanted_any_more(
-    studio: RunningStudio, played: Page, how: str
+    studio: RunningStudio, played: Page
 ) -> None:
-    if how == "left":
-        leave(played)
-    elif how == "ended":
+    def end() -> None:
         played.get_by_role("button", name="End", exact=True).click()
-    elif how == "hidden":
+
+    def hide() -> None:
         played.evaluate(
             """() => {
                 for (const so of [true, false]) {
@@ -535,18 +545,28 @@ def test_a_recording_that_is_checked_does_not_begin_when_it_is_not_wanted_any_mo
                 }
             }"""
         )
-    else:
+
+    def stop() -> None:
         stops = played.evaluate("hexwire.frame.stops")
         played.keyboard.press("Escape")
         studio.stopped("the stop")
         studio.arm.owner.reset()
         played.wait_for_function("(stops) => hexwire.frame.stops !== stops", arg=stops)
-    played.evaluate("late[0]()")
-    played.evaluate(PICTURES)
-    played.evaluate(PICTURES)
-    assert played.evaluate("begun") == 0
+        studio.torque()
+
+    play = played.get_by_role("button", name="Play on the arm")
+    for count, unwanted in enumerate((end, hide, stop, lambda: leave(played)), 1):
+        expect(play).to_be_enabled()
+        play.click()
+        held(played, count)
+        unwanted()
+        played.evaluate("late.at(-1)()")
+        played.evaluate(PICTURES)
+        played.evaluate(PICTURES)
+        assert played.evaluate("begun") == 0, unwanted
 
 
+@pytest.mark.slow
 def test_a_motion_is_not_drawn_into_another_recording(studio: RunningStudio, operator: Page) -> None:
     told: dict[str, Any] = {
         "kind": "run",
