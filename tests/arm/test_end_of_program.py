@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.few import few
 from tests.waits import PATIENCE
 
 PROGRAM = """
@@ -38,8 +39,12 @@ while not motion.done:
 """
 
 
-@pytest.mark.parametrize("address", ["sim://hex7bot", "sim://so101"])
-@pytest.mark.parametrize(("how", "stopped"), [("end", False), ("ctrl-c", True)])
+@few(
+    "address, how, stopped",
+    [(arm, how, how == "ctrl-c") for arm in ("sim://hex7bot", "sim://so101") for how in ("end", "ctrl-c")],
+    ("sim://hex7bot", "ctrl-c", True),
+    ("sim://so101", "end", False),
+)
 def test_at_the_end_of_the_program_the_arm_is_at_rest_and_stopped_after_ctrl_c(
     address: str, how: str, stopped: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -171,7 +171,7 @@ def test_on_a_curve_at_its_limits_the_host_ends_a_path_and_not_the_board(how: st
     assert not (path and path.dry)
 
 
-@few("seed", (*range(24), 32, 43), 5, 43)
+@few("seed", (*range(24), 32, 43), 43)
 def test_on_a_curve_at_its_limits_a_new_goal_never_lets_the_board_brake_by_itself(seed: int) -> None:
     """Where no brake is possible, each request with points of a path lasts until the next one has come."""
     draw = random.Random(seed)

@@ -23,7 +23,6 @@ KEPT, SENT = "kept by the board", "target by target"
     "keeper, velocities, horizon",
     product((KEPT, SENT), (False, True), (0.05, 0.1, 0.2, 0.3, 0.4, 0.5)),
     (KEPT, False, 0.1),
-    (SENT, False, 0.3),
 )
 def test_a_stream_is_followed_evenly_and_ends_at_rest(keeper: str, velocities: bool, horizon: float) -> None:
     stream(keeper == SENT, velocities, horizon, 1)
@@ -32,7 +31,6 @@ def test_a_stream_is_followed_evenly_and_ends_at_rest(keeper: str, velocities: b
 @few(
     "keeper, velocities, many",
     product((KEPT, SENT), (False, True), ((3, 0.05), (5, 0.08), (3, 0.12), (5, 0.2), (2, 0.3), (3, 0.4), (3, 0.5))),
-    (KEPT, False, (2, 0.3)),
     (SENT, True, (5, 0.08)),
 )
 def test_so_is_a_stream_of_trajectories(keeper: str, velocities: bool, many: tuple[int, float]) -> None:

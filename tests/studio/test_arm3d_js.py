@@ -227,6 +227,7 @@ def test_keys_and_wheel_move_the_camera_and_leave_the_rest_alone(blank: Page) ->
     assert blank.evaluate("document.activeElement.textContent") == "other"
 
 
+@pytest.mark.slow
 def test_the_camera_follows_an_arm_that_leaves_the_picture_until_somebody_turns_it(blank: Page) -> None:
     show(blank, SO101)
     furthest = """() => {

@@ -127,6 +127,7 @@ _DRAWN = {
 """What a page has drawn in the end."""
 
 
+@pytest.mark.slow
 def test_every_page_keeps_to_its_policy(studio: RunningStudio, browser: Browser) -> None:
     """The other tests evaluate texts, which it forbids; the browser reports what it refuses as an error."""
     context = browser.new_context()

@@ -151,6 +151,7 @@ def test_clicks_are_steps_that_add_up_and_keys_do_what_buttons_do(studio: Runnin
     expect(operator.locator("#arm-keys")).not_to_be_checked()
 
 
+@pytest.mark.slow
 def test_cameras_of_the_browser_are_tiles_and_are_off_when_nobody_sees_them(
     studio: RunningStudio, operator: Page
 ) -> None:

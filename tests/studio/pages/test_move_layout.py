@@ -82,6 +82,7 @@ def test_all_that_moves_the_arm_every_day_is_in_sight_at_a_desk(move: Page) -> N
     assert not move.locator(".arm-parts").is_visible()
 
 
+@pytest.mark.slow
 def test_a_phone_shows_one_part_below_the_arm(move: Page) -> None:
     move.set_viewport_size(PHONE)
     assert in_sight(move, "#hw-stop")

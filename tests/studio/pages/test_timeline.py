@@ -125,6 +125,7 @@ def test_nothing_is_played_before_it_is_shown(studio: RunningStudio, operator: P
     expect(play).to_be_enabled()
 
 
+@pytest.mark.slow
 def test_what_has_no_plan_is_not_played_until_it_has_one(studio: RunningStudio, operator: Page) -> None:
     page, folder = operator, Path(studio.studio.recordings.library.folder)
     swing(folder, "slow.mcap", 3.0)
