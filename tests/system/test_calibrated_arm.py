@@ -9,6 +9,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -53,10 +54,15 @@ Seen = tuple["ArmModel", Mapping[str, float]]
 
 
 @pytest.fixture
-def port() -> Iterator[str]:
-    servos = make_servos([Series.STS_SMS], range(1, 7), baud=[0], start=time.monotonic())
-    for servo, row in zip(servos, ROWS, strict=True):
+def servos() -> list[EmulatedServo]:
+    made = make_servos([Series.STS_SMS], range(1, 7), baud=[0], start=time.monotonic())
+    for servo, row in zip(made, ROWS, strict=True):
         store(servo, row)
+    return made
+
+
+@pytest.fixture
+def port(servos: list[EmulatedServo]) -> Iterator[str]:
     with patience(), served_bus(servos) as path:
         yield path
 
@@ -151,7 +157,9 @@ def test_every_command_has_the_angles_and_limits_that_the_servos_store(port: str
     def run(*words: str) -> Result:
         return CliRunner().invoke(cli, [*words, "--robot", "so101", "--port", port])
 
-    shown = json.loads(run("state", "--json").stdout)["joints"]
+    result = run("state", "--json")
+    assert result.stderr == ""
+    shown = json.loads(result.stdout)["joints"]
     positions = {row["name"]: row["position_rad"] for row in shown}
     assert [joint.angle_to_counts(positions[joint.name]) for joint in MODEL.joints] == COUNTS
     first, usual = MODEL.joints[0], USUAL.joints[0]
@@ -172,3 +180,16 @@ def test_an_arm_that_was_not_there_at_the_start_is_not_used_with_other_angles(po
             arm.connect()
     finally:
         arm.shutdown()
+
+
+def test_commands_and_servers_say_that_an_arm_is_not_calibrated(
+    port: str, servos: list[EmulatedServo], caplog: pytest.LogCaptureFixture
+) -> None:
+    store(servos[0], replace(ROWS[0], low=0, high=4095))
+    said = "not calibrated: shoulder_pan may be elsewhere than shown: `hexwire bus calibrate so101`"
+    result = CliRunner().invoke(cli, ["state", "--robot", "so101", "--port", port])
+    assert (result.exit_code, result.stderr) == (0, f"note: {said}\n")
+    for front in (by_server, by_ros1, by_ros2):
+        caplog.clear()
+        front(port)
+        assert said in caplog.text

@@ -488,7 +488,9 @@ def open_robot(options: RobotOptions) -> Iterator[RobotDriver]:
 
 @contextmanager
 def attached(robot: RobotDriver) -> Iterator[RobotDriver]:
-    """Attach a robot; print a note if that takes longer than usual."""
+    """Attach a robot; print a note if that takes longer than usual, or if its angles may be wrong."""
+    from hexwire.drivers.abilities import StoredCalibration
+
     text = f"waiting for an answer on {robot.url} ..."
     patience = threading.Timer(_PATIENCE, note, (text,))
     patience.daemon = True
@@ -498,6 +500,9 @@ def attached(robot: RobotDriver) -> Iterator[RobotDriver]:
         robot.attach()
     finally:
         patience.cancel()
+    arm = StoredCalibration.find(robot)
+    if arm is not None and arm.doubt and not robot.url.startswith("sim://"):
+        note(f"note: {arm.doubt}: `{arm.cure}`")
     try:
         yield robot
     finally:

@@ -313,6 +313,7 @@ class StoredCalibration(Ability):
         uncalibrated: Joints that may be elsewhere than they report, since their servos have stored none, and why.
     """
 
+    model: ArmModel
     uncalibrated: Mapping[str, str]
 
     @property
@@ -326,6 +327,11 @@ class StoredCalibration(Ability):
         names = tuple(self.uncalibrated)
         which = ", ".join(names) if len(names) < 3 else f"{len(names)} joints"
         return f"not calibrated: {which} may be elsewhere than shown" if names else ""
+
+    @property
+    def cure(self) -> str:
+        """The command that calibrates it."""
+        return f"hexwire bus calibrate {self.model.name}"
 
 
 class Counters(Ability):

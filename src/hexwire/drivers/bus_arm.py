@@ -619,8 +619,7 @@ class BusArm(PlainDriver, BareServos, StoredCalibration, Counters, ServoPing, Se
 
         findings = examine_bus(self.bus, self.model, self.probe(), self.read())
         if self.doubt:
-            advice = f"hexwire bus calibrate {self.model.name}"
-            findings.append(Finding(Level.HINT, "calibration", self.doubt, advice))
+            findings.append(Finding(Level.HINT, "calibration", self.doubt, self.cure))
         return findings
 
     def explain_silence(self) -> list[Finding]:

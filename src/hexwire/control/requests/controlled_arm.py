@@ -160,7 +160,7 @@ class ControlledArm:
             )
         arm = StoredCalibration.find(owner.robot)
         if arm is not None and arm.doubt:
-            _log.warning("%s: %s; `hexwire bus calibrate` calibrates it", owner.model.name, arm.doubt)
+            _log.warning("%s: `%s`", arm.doubt, arm.cure)
         # They may have changed meanwhile.
         settings = self.settings
         limits = settings.safety_at(1.0 / owner.command_period)
