@@ -118,7 +118,7 @@ class RobotDriver(ABC):
     cannot be reached.
 
     Attributes:
-        model: The arm's joints and limits.
+        model: The arm's joints and limits; fixed, but for the first `attach` of a robot with `StoredCalibration`.
         port_leads_to: The device on a serial port that leads to the robot: a controller board, or an adapter to a
             servo bus.
     """
