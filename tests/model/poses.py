@@ -8,6 +8,8 @@ import random
 from pathlib import Path
 from typing import Any
 
+from hexwire.model.arms.hex7bot.links import LinkSet
+from hexwire.model.arms.puma260.links import DROP, FOREARM, UPPER
 from hexwire.model.kinematics import KinematicModel
 from hexwire.model.pose import Pose
 
@@ -24,6 +26,30 @@ def random_angles(seed: int, n: int) -> list[tuple[float, ...]]:
     """Every joint anywhere in its turn: the whole workspace, every branch."""
     rng = random.Random(seed)
     return [tuple(rng.uniform(-math.pi, math.pi) for _ in range(6)) for _ in range(n)]
+
+
+def hex7bot_edges(k: LinkSet, n: int) -> list[tuple[float, ...]]:
+    """At the edge of what the links reach, where rounding may put the wrist outside: stretched, and folded."""
+    straight = k.offset + k.forearm_angle
+    return [
+        (t0, t1, straight - t1 + turn, *others)
+        for t0, t1, _, *others in random_angles(6, n)
+        for turn in (0.0, math.pi)
+    ]
+
+
+def puma260_edges(n: int) -> list[tuple[float, ...]]:
+    """As `hex7bot_edges`; and with the wrist as near to the base axis as the shoulder is set aside."""
+    straight = math.pi / 2 - math.atan2(DROP, UPPER)
+    return [
+        (q1, q2, q3, *others)
+        for q1, q2, _, *others in random_angles(6, n)
+        for q3 in (
+            straight,
+            straight - math.pi,
+            math.asin((UPPER * math.cos(q2) + DROP * math.sin(q2)) / FOREARM) - q2,
+        )
+    ]
 
 
 def turn_error(a: tuple[float, ...], b: tuple[float, ...]) -> float:

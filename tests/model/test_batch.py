@@ -4,14 +4,16 @@ import math
 from typing import Any
 
 import pytest
-from tests.model.poses import random_angles, turn_error
+from tests.model.poses import hex7bot_edges, puma260_edges, random_angles, turn_error
 
 from hexwire.model import batch
 from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
+from hexwire.model.arms.hex7bot.links import LINK_SETS
 from hexwire.model.arms.puma260.kinematics import Puma260Model
 from hexwire.model.kinematics import KinematicModel
 
 MODELS = {"hex7bot": Hex7BotModel(), "puma260": Puma260Model()}
+EDGES = {"hex7bot": hex7bot_edges(LINK_SETS["A"], 30), "puma260": puma260_edges(30)}
 EACH = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
 
 
@@ -33,6 +35,16 @@ def test_arrays_agree_with_single_poses(model: KinematicModel) -> None:
         found, expected = ways(row), model.inverse(pose)
         assert len(found) == len(expected)
         assert all(min(turn_error(s.angles, way) for way in found) < 1e-9 for s in expected)
+
+
+@EACH
+def test_arrays_find_the_same_poses_at_the_edge_of_reach(model: KinematicModel) -> None:
+    angles = EDGES[model.name]
+    for row, q in zip(model.inverse_many(*model.forward_many(angles)), angles, strict=True):
+        found, expected = ways(row), model.inverse(model.forward(q))
+        # Near the edge a little rounding is much in angles.
+        assert len(found) == len(expected) > 0
+        assert all(min(turn_error(s.angles, way) for way in found) < 1e-5 for s in expected)
 
 
 @EACH

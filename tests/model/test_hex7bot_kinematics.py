@@ -9,6 +9,7 @@ from tests.model.poses import (
     VECTORS,
     check_jacobian,
     determinant,
+    hex7bot_edges,
     pose_error,
     rad,
     random_angles,
@@ -94,6 +95,15 @@ def test_inverse_of_forward_over_the_whole_workspace(model: Hex7BotModel) -> Non
     assert len(branches) == 8
 
 
+@EACH_MODEL
+def test_a_pose_at_the_edge_of_reach_is_found_though_rounding_puts_it_outside(model: Hex7BotModel) -> None:
+    for angles in hex7bot_edges(model.links, 30):
+        pose = model.forward(angles)
+        solutions = model.inverse(pose)
+        assert min(turn_error(s.angles, angles) for s in solutions) < 1e-5
+        assert max(pose_error(model.forward(s.angles), pose) for s in solutions) < 1e-7
+
+
 def test_neutral_is_a_wrist_singularity_with_neutral_as_its_answer() -> None:
     neutral = rad([90] * 6)
     solution = A.inverse(A.forward(neutral))[0]
@@ -161,6 +171,7 @@ def test_too_near_says_so() -> None:
     report = A.reach_wrist((0.0, 0.0, k.e))
     assert report.excess == pytest.approx(k.reach[0] - k.d)
     assert "less than the 71.2 mm of the folded arm" in report.cause
+    assert A.inverse_wrist((0.0, 0.0, k.e)) == ()
 
 
 def test_forbidden_by_a_joint_names_it_and_the_excess() -> None:

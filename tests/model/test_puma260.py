@@ -6,7 +6,16 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.model.poses import VECTORS, check_jacobian, determinant, pose_error, rad, random_angles, turn_error
+from tests.model.poses import (
+    VECTORS,
+    check_jacobian,
+    determinant,
+    pose_error,
+    puma260_edges,
+    rad,
+    random_angles,
+    turn_error,
+)
 from tests.soak import rounds
 
 from hexwire.errors import LimitError, UsageError
@@ -41,6 +50,14 @@ def test_inverse_of_forward_over_the_whole_workspace() -> None:
     assert len(branches) == 8
 
 
+def test_a_pose_at_the_edge_of_reach_is_found_though_rounding_puts_it_outside() -> None:
+    for angles in puma260_edges(30):
+        pose = MODEL.forward(angles)
+        solutions = MODEL.inverse(pose)
+        assert len(solutions) == 8
+        assert max(pose_error(MODEL.forward(s.angles), pose) for s in solutions) < 1e-7
+
+
 def test_angles_come_back_in_the_turn_that_limits_allow() -> None:
     angles = rad([200, -100, -90, -300, 100, -200])
     found = [s for s in MODEL.inverse(MODEL.forward(angles)) if turn_error(s.angles, angles) < 1e-9]
@@ -69,6 +86,7 @@ def test_out_of_reach_says_by_how_much_and_why() -> None:
     assert not report.reachable
     assert report.excess == pytest.approx(0.6 - 0.05588 - math.hypot(7.8, 0.75) * 0.0254 - 0.2032)
     assert "beyond" in report.cause
+    assert MODEL.inverse(far) == ()
     with pytest.raises(LimitError, match="out of reach"):
         MODEL.best(far)
 
@@ -82,8 +100,9 @@ def test_too_near_the_base_axis_is_the_shoulders_fault() -> None:
 
 
 def test_folded_too_far() -> None:
-    report = MODEL.reach(Pose((0.05588, -0.12446, 0.3302), IDENTITY))
-    assert "of the folded arm" in report.cause
+    near = Pose((0.05588, -0.12446, 0.3302), IDENTITY)
+    assert "of the folded arm" in MODEL.reach(near).cause
+    assert MODEL.inverse(near) == ()
 
 
 @given(st.lists(st.floats(-6.0, 6.0), min_size=6, max_size=6))

@@ -142,8 +142,10 @@ def puma260_inverse_many(model: KinematicModel, positions: Any, rotations: Any) 
     table = np.full((len(x), _BRANCHES, 6), math.nan)
     branch = 0
     with np.errstate(invalid="ignore", divide="ignore"):
-        for side in (1.0, -1.0):
-            ahead = side * np.sqrt(x * x + y * y - k.SIDE**2)
+        square = x * x + y * y - k.SIDE**2
+        # As for one pose: rounding may put the wrist inside the distance that the shoulder is set aside.
+        away = np.sqrt(np.where(square < -1e-15, math.nan, np.maximum(square, 0.0)))
+        for ahead in (away, -away):
             q1 = np.arctan2(y, x) - np.arctan2(k.SIDE, ahead)
             elbow = _arc_cosine(np, (upper**2 + k.FOREARM**2 - ahead**2 - up**2) / (2 * upper * k.FOREARM))
             inner = np.arctan2(k.FOREARM * np.sin(elbow), upper - k.FOREARM * np.cos(elbow))

@@ -154,23 +154,22 @@ class Puma260Model(KinematicModel):
         square = x * x + y * y - SIDE * SIDE
         if square < -1e-15:
             return []
-        up = z - SHOULDER
+        up, away = z - SHOULDER, math.sqrt(max(0.0, square))
         upper, lean = math.hypot(UPPER, DROP), math.atan2(DROP, UPPER)
+        cos_elbow = (upper**2 + FOREARM**2 - (away * away + up * up)) / (2 * upper * FOREARM)
+        if abs(cos_elbow) > 1.0 + 1e-12:
+            return []
+        # Interior angles of the triangle of shoulder, elbow and wrist: at the elbow and at the shoulder.
+        elbow = math.acos(max(-1.0, min(1.0, cos_elbow)))
+        inner = math.atan2(FOREARM * math.sin(elbow), upper - FOREARM * math.cos(elbow))
         found = []
-        for side, facing in ((1.0, "right"), (-1.0, "left")):
-            ahead = side * math.sqrt(max(0.0, square))
+        for ahead, facing in ((away, "right"), (-away, "left")):
             q1 = math.atan2(y, x) - math.atan2(SIDE, ahead)
-            line2 = ahead * ahead + up * up
-            # Turning about y takes x towards -z: angles below are elevations, and q2 = lean - elevation.
-            cos_elbow = (upper**2 + FOREARM**2 - line2) / (2 * upper * FOREARM)
-            if abs(cos_elbow) > 1.0 + 1e-12 or line2 < 1e-24:
-                continue
-            elbow = math.acos(max(-1.0, min(1.0, cos_elbow)))
             for bent, bend in ((1.0, "elbow up"), (-1.0, "elbow down")):
-                # Elevation of the upper arm, then of the forearm; interior angle between them is `elbow`.
-                inner = math.atan2(FOREARM * math.sin(elbow), upper - FOREARM * math.cos(elbow))
+                # Elevation of the upper arm, then of the forearm.
                 raised = math.atan2(up, ahead) + bent * inner
                 forearm = raised - bent * (math.pi - elbow)
+                # Turning about y takes x towards -z.
                 q2 = lean - raised
                 # At q2 + q3 = 0 the forearm points to -z, an elevation of -90 deg.
                 q3 = -math.pi / 2 - forearm - q2
