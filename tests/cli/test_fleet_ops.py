@@ -212,11 +212,13 @@ def shown(monkeypatch: pytest.MonkeyPatch, *steps: list[Overview]) -> list[str]:
     pages: list[str] = []
 
     class Page:
-        def update(self, what: Any, refresh: bool) -> None:
+        def update(self, what: Any, *, refresh: bool = False) -> None:
             console = draw.SafeConsole(width=120)
             with console.capture() as text:
                 console.print(what)
-            pages.append(text.get())
+            # Nothing else draws it.
+            if refresh:
+                pages.append(text.get())
 
     monkeypatch.setattr(draw, "live", Page)
     table = fleet_ops._Table("**", None)

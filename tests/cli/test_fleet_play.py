@@ -16,6 +16,7 @@ from tests.waits import eventually
 
 from hexwire.cli.fleet import _tell
 from hexwire.cli.main import cli
+from hexwire.cli.output import printing_json
 from hexwire.drivers import registry
 from hexwire.fleet import player
 from hexwire.trace.recording import RecordingWriter, topic_of
@@ -53,6 +54,39 @@ def test_a_motion_is_told_arm_by_arm_and_then_as_a_whole(capsys: pytest.CaptureF
         f"left: did not move, start known to 1.00 ms, {keeper}",
         "played 1.50 s on 1 arm",
     ]
+
+
+def test_a_program_is_told_the_same_in_seconds(capsys: pytest.CaptureFixture[str]) -> None:
+    left = player.Played(0.010, 0.001, 0, kept_by="board", late=0.002)
+    still = player.Played(float("nan"), 0.001, 3, "off")
+    with printing_json(True):
+        _tell(player.PlayReport(1.5, {"left": left, "still": still}), ["left", "still"], dry_run=False)
+    assert json.loads(capsys.readouterr().out) == {
+        "duration_s": 1.5,
+        "dry_run": False,
+        "skew_s": None,
+        "starts_within_s": 0.004,
+        "arms": [
+            {
+                "name": "left",
+                "moved_s": 0.01,
+                "clock_uncertainty_s": 0.001,
+                "time_kept_by": "board",
+                "start_uncertainty_s": 0.003,
+                "stalls": 0,
+                "off": "",
+            },
+            {
+                "name": "still",
+                "moved_s": None,
+                "clock_uncertainty_s": 0.001,
+                "time_kept_by": "host",
+                "start_uncertainty_s": 0.001,
+                "stalls": 3,
+                "off": "off",
+            },
+        ],
+    }
 
 
 @pytest.fixture
