@@ -1,12 +1,14 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 from tests.bus.bus_bench import exchange_by, make_bus
 
-from hexwire.bus.servo_bus import in_range
+from hexwire.bus.servo_bus import ServoBus, in_range
 from hexwire.errors import PreemptedError, ServoError, StoppedError, UsageError
 from hexwire.wire.registers import Series
-from hexwire.wire.servo_packet import ServoPacket, make_ping, make_status, make_sync_write, make_write
+from hexwire.wire.servo_packet import BROADCAST_ID, ServoPacket, make_ping, make_status, make_sync_write, make_write
 
 
 def test_an_acknowledgement_nobody_waits_for_is_never_an_answer() -> None:
@@ -86,21 +88,42 @@ def test_a_write_to_all_is_not_waited_for() -> None:
     assert [device.wire[i].registers.get("acceleration") for i in (1, 2)] == [7, 7]
 
 
-def test_a_call_made_before_a_stop_writes_nothing_after_it() -> None:
+SENDING: dict[str, Callable[[ServoBus], object]] = {
+    "write": lambda bus: bus.write(1, "acceleration", 7),
+    "write_raw": lambda bus: bus.write_raw(1, "acceleration", 7),
+    "write_raw to all": lambda bus: bus.write_raw(BROADCAST_ID, "acceleration", 7),
+    "write_bytes": lambda bus: bus.write_bytes(1, 41, b"\x07"),
+    "reg_write": lambda bus: bus.reg_write(1, "acceleration", 7),
+    "action": lambda bus: bus.action(1),
+    "action of all": lambda bus: bus.action(),
+    "sync_write": lambda bus: bus.sync_write("acceleration", {1: 7}),
+    "sync_write_raw": lambda bus: bus.sync_write_raw("goal_position", {1: 1000}),
+    "sync_write_raw of torque": lambda bus: bus.sync_write_raw("torque_enable", {1: 1}),
+    "sync_write_bytes": lambda bus: bus.sync_write_bytes(41, {1: b"\x07"}),
+    "post": lambda bus: bus.post(make_write(1, 41, b"\x07")),
+    "raw": lambda bus: bus.raw(make_write(1, 41, b"\x07")),
+    "raw with an answer": lambda bus: bus.raw(make_write(1, 41, b"\x07"), (1,)),
+    "ask": lambda bus: bus.ask(make_write(1, 41, b"\x07"), 1, 0),
+    "restore": lambda bus: bus.restore(1),
+    "reboot": lambda bus: bus.reboot(1),
+    "backup": lambda bus: bus.backup(1),
+    "reset_turns": lambda bus: bus.reset_turns(1),
+    "calibrate": lambda bus: bus.calibrate(1),
+    "read_block": lambda bus: bus.read_block(1, 56, 3),
+}
+
+
+@pytest.mark.parametrize("acknowledges", [True, False])
+def test_a_call_made_before_a_stop_writes_nothing_after_it(acknowledges: bool) -> None:
     bus, device = make_bus((1,))
+    bus.set_acknowledges(1, acknowledges)
     before = len(bus.link.written)
     with bus.epochs.calling("move"):
         bus.epochs.begin(object())
-        for call in (
-            lambda: bus.write_raw(1, "acceleration", 7),
-            lambda: bus.sync_write_raw("goal_position", {1: 1000}),
-            lambda: bus.sync_write_raw("torque_enable", {1: 1}),
-            lambda: bus.reboot(1),
-            lambda: bus.read_block(1, 56, 3),
-        ):
+        for name, call in SENDING.items():
             with pytest.raises(StoppedError):
-                call()
-    assert len(bus.link.written) == before
+                call(bus)
+            assert len(bus.link.written) == before, name
     assert not bus._machine.doubtful, "what was not sent is not answered late"
     assert device.wire[1].registers.get("acceleration") != 7
 
