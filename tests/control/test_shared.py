@@ -72,13 +72,19 @@ def test_waiting_for_another_target_makes_a_set_point_older() -> None:
     assert not bench.sent
 
 
-def test_the_path_of_a_far_target_is_checked_however_short_it_is_meant_to_be() -> None:
+@pytest.mark.parametrize(("slower", "seconds"), [(1.0, 0.05), (50.0, 0.05), (0.02, 1.0)])
+def test_the_path_of_a_target_that_takes_long_is_checked_whether_or_not_it_is_meant_to(
+    slower: float, seconds: float
+) -> None:
+    """It takes as long as the slowest joint needs, or as it is meant to."""
     bench = SharedBench(check_table=True)
+    joints = tuple(replace(joint, max_speed=joint.max_speed / slower) for joint in HEX7BOT.joints)
+    bench.robot.model = replace(HEX7BOT, joints=joints)
     key = bench.take()
-    start, state = HOME | {"J2": 2.4, "J5": -1.4, "J3": 1.2}, bench.owner.newest()
+    start, state = HOME | {"J2": 0.6, "J3": 1.3, "J5": -1.4}, bench.owner.newest()
     there = replace(state, position=tuple(start[name] for name in state.names))
     bench.owner.newest = lambda: there  # type: ignore[method-assign]
-    through = JointTarget.of({"J2": -0.2, "J3": 0.9, "J5": 0.7}, 0.05)
+    through = JointTarget.of({"J5": 1.4}, seconds)
     with pytest.raises(LimitError, match="% of the path"):
         bench.shared.write(bench.order(key, age=0.0), through)
     assert not bench.sent
