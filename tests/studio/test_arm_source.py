@@ -11,12 +11,14 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from tests.studio.running import until
+from tests.studio.running import PATIENCE, until
 
+from hexwire.control.loop import holding
 from hexwire.control.loop.known_state import KNOWN_FOR
 from hexwire.control.motion import motion_run
-from hexwire.errors import UsageError
+from hexwire.errors import DeviceError, UsageError
 from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
+from hexwire.studio import arm_source
 from hexwire.studio.access import Right
 from hexwire.studio.frames import FrameBit
 from hexwire.studio.source import Source
@@ -187,6 +189,73 @@ def test_a_jog_that_begins_during_a_motion_begins_where_its_joints_have_braked(
     # After a stall of the machine it begins where the servo stands, by its counts.
     assert all(step >= -2 * math.pi / 4096 for step in steps[ended - 2 :]), f"it never goes back: {steps}"
     assert steps[-1] < 0.5 * max(steps[: ended - 1]), f"it jogs at its own speed: {steps}"
+
+
+def test_a_jog_that_begins_after_another_lets_its_joints_brake_first(
+    source: Source, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # However long a busy machine takes for it.
+    monkeypatch.setattr(arm_source, "_BRAKES", PATIENCE)
+    source.silence = 60.0
+    arm = source.open("sim://so101?name=jogs_again")
+    arm.arm.enable(True)
+    tab = Tab("tab 1", "key", "session", Right.OPERATE)
+    source.take(tab)
+    cut: list[bool] = []
+    release = arm.jog.release
+
+    def noted(why: str) -> None:
+        cut.append(arm.jog.busy)
+        release(why)
+
+    monkeypatch.setattr(arm.jog, "release", noted)
+    for number in (1, 2):
+        entry = arm.hold_to_run.begin(tab.key, number)
+        assert entry is not None
+        before = arm.goals.get("shoulder_pan", 0.0)
+        arm.begin_jog(tab, entry, "joint", {"directions": {"shoulder_pan": 1.0}, "speed": 1.0}, arm.mark())
+        until(lambda before=before: arm.goals.get("shoulder_pan", 0.0) - before > 0.05, "it moves")  # type: ignore[misc]  # bound now
+        arm.hold_to_run.end(tab.key, "released")
+    # A jog takes the joints over from whatever moves them: here they rest already.
+    assert cut
+    assert not any(cut)
+
+
+def test_on_a_slow_line_a_released_jog_holds_though_the_owner_is_late(
+    source: Source, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Any line is as slow as that.
+    for module in (arm_source, holding):
+        monkeypatch.setattr(module, "SOON", 0.0)
+    source.silence = 60.0
+    arm = source.open("sim://hex7bot?name=holds", watchdog=5.0)
+    arm.arm.enable(True)
+    tab = Tab("tab 1", "key", "session", Right.OPERATE)
+    source.take(tab)
+    told: list[JointTarget] = []
+    write = arm.driver.write
+
+    def noted(target: JointTarget) -> SentTarget:
+        told.append(target)
+        if arm.hold_to_run.entry is None:
+            raise DeviceError("it cannot be sent")
+        return write(target)
+
+    monkeypatch.setattr(arm.driver, "write", noted)
+    entry = arm.hold_to_run.begin(tab.key, 1)
+    assert entry is not None
+    arm.begin_jog(tab, entry, "joint", {"directions": {"J1": 1.0}, "speed": 0.4}, arm.mark())
+    until(lambda: told, "it moves")
+    with arm.arm.owner.deciding():
+        # The thread that asks the jog for its targets does not see its end, while J1 is still on its way.
+        monkeypatch.setattr(arm.jog, "cycle", lambda *_: None)
+        monkeypatch.setattr(arm.arm.owner, "running", lambda: ("J1",))
+        moved = len(told)
+        arm.hold_to_run.end(tab.key, "released")
+    until(lambda: arm.facts()["stopped"], "what cannot hold is stopped")
+    assert [[name for name, _ in target.positions] for target in told[moved:]] == [["J1"]]
+    assert "released" in str(arm.facts()["stopped"])
+    assert not arm.jog.busy
 
 
 def test_a_held_jog_says_why_it_does_not_move_and_a_stop_is_in_the_frame(source: Source) -> None:

@@ -359,10 +359,9 @@ class ArmSource:
         # It has seen its end itself, and brakes or holds; on a slow line a target lasts too long to wait for that.
         if owner.lead <= SOON:
             self._await(lambda: not controller.busy)
-        if not controller.busy:
-            return
-        with owner.deciding():
-            if owner.group.reason is None and owner.connected:
+        # A stop, or the loss of the arm, has ended it, too.
+        if controller.busy:
+            with owner.deciding():
                 hold_moving(owner, why)
 
     def _await(self, found: Callable[[], bool]) -> None:
