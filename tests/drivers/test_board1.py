@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 import random
+from collections import Counter
 
 import pytest
 from hypothesis import given
@@ -256,6 +257,17 @@ def test_stop_with_torque_off_and_what_is_refused_after() -> None:
     arm.driver.resume()
     assert arm.torques() == [False] * 7
     assert arm.driver.torque(True) == HEX7BOT.names
+
+
+def test_a_joint_that_does_not_confirm_is_switched_off_twice() -> None:
+    arm = Arm(1, 0, ("silent:5",))
+    arm.driver.torque(True)
+    arm.link.written.clear()
+    assert arm.driver.torque(False) == (*HEX7BOT.names[:5], "J7")
+    packets = [parse_packet(frame.body) for frame in arm.frames()]
+    assert Counter(p.servo_id for p in packets if p.instruction == sp.Instruction.WRITE) == {
+        joint.servo_id: 2 if joint.name == "J6" else 1 for joint in HEX7BOT.joints
+    }
 
 
 def test_a_stop_switches_no_torque_on_though_nothing_is_known_of_it_yet() -> None:

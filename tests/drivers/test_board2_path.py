@@ -202,6 +202,19 @@ def test_the_time_on_the_line_narrows_the_relation_of_the_clocks() -> None:
     assert slow.relation.host_time(6.0).time == pytest.approx(101.0, abs=0.02)
 
 
+def test_a_line_of_known_rate_tells_more_of_when_a_path_starts() -> None:
+    def doubt(told: int) -> float:
+        arm = Arm(2, 115200, attach=False)
+        arm.link.baud = told  # type: ignore[attr-defined]  # as that of a serial port
+        arm.driver.attach()
+        arm.driver.torque(True)
+        path = arm.driver.path()
+        path.send(line_of(arm, 20), last=True)
+        return path.start().uncertainty
+
+    assert doubt(115200) < 0.5 * doubt(0)
+
+
 def line_of(arm: Arm, count: int, *, way: float = 0.2) -> list[TimedPoint]:
     """An even motion of all joints."""
     here = arm.driver.read().position
