@@ -17,7 +17,9 @@ from hexwire.control.requests.preview import Planner, goal_of
 from hexwire.control.requests.setting import Faults
 from hexwire.control.requests.settings_reader import read_settings
 from hexwire.errors import GoalError, UsageError
-from hexwire.model.aim import Aim
+from hexwire.model.aim import Aim, Tip
+from hexwire.model.arms.hex7bot.kinematics import Hex7BotModel
+from hexwire.model.arms.so_arm.kinematics import SoArmModel
 from hexwire.motion.checks import check_trajectory
 from hexwire.motion.teach import Edits, Taught
 from hexwire.motion.trajectory import Spline, Waypoint
@@ -113,6 +115,23 @@ def test_a_branch_outside_the_limits_is_refused(planner: Planner) -> None:
     refused = planner.to_place(Place(AHEAD, branch=forbidden.name))
     assert refused.refusal == f"{forbidden.name}: {forbidden.why}"
     assert "no solution 'x'" in planner.to_place(Place(AHEAD, branch="x")).refusal
+
+
+@pytest.mark.parametrize("arm", ["hex7bot", "so101"])
+def test_the_tip_of_a_plan_is_where_its_goal_puts_it_though_it_is_refused(
+    planner: Planner, so101: Planner, arm: str
+) -> None:
+    asked, model = (planner, Hex7BotModel()) if arm == "hex7bot" else (so101, SoArmModel())
+    place = Place(AHEAD) if arm == "hex7bot" else Place((0.25, 0.0, 0.1), Aim(pitch=math.radians(60.0), roll=0.0))
+    names = [branch.name for branch in asked.to_place(place).branches]
+    assert len(names) > 1
+    for branch in (*names, "x"):
+        plan = asked.to_place(replace(place, branch=branch))
+        there = Tip.of(model, model.from_joints(plan.goal))
+        assert plan.tip is not None
+        assert plan.tip.position == pytest.approx(there.position)
+        assert plan.tip.rpy == pytest.approx(there.rpy)
+        assert plan.tip.pitch_roll == (there.pitch_roll and pytest.approx(there.pitch_roll))
 
 
 def test_out_of_reach_is_told_with_the_missing_distance(planner: Planner) -> None:
