@@ -10,12 +10,11 @@ import asyncio
 import re
 import threading
 from collections.abc import Iterator
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from tests.studio.chromium import chromium
-from tests.studio.running import PATIENCE, RunningStudio
+from tests.studio.running import PATIENCE, RunningStudio, serve
 from tests.threads import left_behind
 
 from hexwire.control.requests.settings_reader import read_settings
@@ -77,22 +76,10 @@ def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningStudio]:
     """One server for all tests of this worker; nothing is open in it at first. Tests use `studio`."""
     from hexwire.studio.foxglove import Foxglove
-    from hexwire.studio.server import Server, make_app
 
-    studio = Studio(Access(frozenset()), tmp_path_factory.mktemp("recordings"), Foxglove("hexwire studio"))
-    server = Server(partial(make_app, studio), studio.access)
-    port = server.bind()
-    studio.access.hosts = frozenset({f"127.0.0.1:{port}", f"localhost:{port}"})
-    ready = threading.Event()
-    thread = threading.Thread(target=server.run, args=(ready.set,), name="studio server", daemon=True)
-    thread.start()
-    assert ready.wait(PATIENCE)
-    try:
-        yield RunningStudio(studio, f"http://127.0.0.1:{port}")
-    finally:
-        server.end()
-        thread.join(PATIENCE)
-        studio.close()
+    recordings = tmp_path_factory.mktemp("recordings")
+    with serve(Studio(Access(frozenset()), recordings, Foxglove("hexwire studio"))) as running:
+        yield running
 
 
 @pytest.fixture
@@ -217,12 +204,6 @@ def context(browser: Browser, _windows: _Windows) -> Iterator[BrowserContext]:
         _windows.forget()
     assert not faults, faults
     assert not [url for url in outside if not url.startswith(("data:", "blob:"))]
-
-
-@pytest.fixture
-def no_window(browser: Browser, _windows: _Windows) -> None:
-    """For tests that count connections: a window keeps some open."""
-    _windows.close()
 
 
 @pytest.fixture

@@ -7,8 +7,11 @@ import http.client
 import itertools
 import re
 import socket
+import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Any, Self
 
 from tests.waits import PATIENCE
@@ -23,7 +26,18 @@ if TYPE_CHECKING:
     from hexwire.emulator.servo import EmulatedServo
     from hexwire.studio.app import Studio
 
-__all__ = ["PATIENCE", "RunningStudio", "Visitor", "attempt", "expect", "fill_history", "hold", "press", "until"]
+__all__ = [
+    "PATIENCE",
+    "RunningStudio",
+    "Visitor",
+    "attempt",
+    "expect",
+    "fill_history",
+    "hold",
+    "press",
+    "serve",
+    "until",
+]
 
 _names = itertools.count(1)
 
@@ -178,6 +192,26 @@ class RunningStudio:
         """Wait until the arm is stopped and the board has said so: then a reset is asked for after the stop."""
         owner = self.arm.owner
         until(lambda: owner.group.reason is not None and owner.state is not None and owner.state.stopped, what)
+
+
+@contextmanager
+def serve(studio: Studio) -> Iterator[RunningStudio]:
+    """Serve a studio in a thread of this process, at a free port; nothing is open in it at first."""
+    from hexwire.studio.server import Server, make_app
+
+    server = Server(partial(make_app, studio), studio.access)
+    port = server.bind()
+    studio.access.hosts = frozenset({f"127.0.0.1:{port}", f"localhost:{port}"})
+    ready = threading.Event()
+    thread = threading.Thread(target=server.run, args=(ready.set,), name="studio server", daemon=True)
+    thread.start()
+    assert ready.wait(PATIENCE)
+    try:
+        yield RunningStudio(studio, f"http://127.0.0.1:{port}")
+    finally:
+        server.end()
+        thread.join(PATIENCE)
+        studio.close()
 
 
 def _link_of(robot: Any) -> Any:

@@ -12,24 +12,37 @@ from asyncio import sslproto
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from tests.studio.running import Visitor, until
+from tests.studio.running import Visitor, serve, until
 
 from hexwire.studio import connections
+from hexwire.studio.access import Access, Limits
+from hexwire.studio.app import Studio
 from hexwire.studio.connections import read_little
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
     from tests.studio.running import RunningStudio
 
 
 @pytest.fixture
-def idle(served: RunningStudio, no_window: None) -> Iterator[list[socket.socket]]:
+def own(tmp_path: Path) -> Iterator[RunningStudio]:
+    """A server of this test alone: what other tests have connected to that of the worker would count.
+
+    It does not take a connection that a busy machine has made slowly for one that asks too late.
+    """
+    with serve(Studio(Access(frozenset(), limits=Limits(request=300.0)), tmp_path)) as running:
+        yield running
+
+
+@pytest.fixture
+def idle(own: RunningStudio) -> Iterator[list[socket.socket]]:
     """Connections that ask for nothing: twice as many as are allowed."""
-    port = int(served.url.rpartition(":")[2])
+    port = int(own.url.rpartition(":")[2])
     made: list[socket.socket] = []
     try:
-        most = served.studio.access.limits.connections
+        most = own.studio.access.limits.connections
         made.extend(socket.create_connection(("127.0.0.1", port), timeout=30) for _ in range(2 * most))
         yield made
     finally:
@@ -47,14 +60,14 @@ def _is_closed(each: socket.socket) -> bool:
         return True
 
 
-def test_too_many_idle_connections_end_the_oldest(served: RunningStudio, idle: list[socket.socket]) -> None:
-    most = served.studio.access.limits.connections
+def test_too_many_idle_connections_end_the_oldest(own: RunningStudio, idle: list[socket.socket]) -> None:
+    most = own.studio.access.limits.connections
     until(lambda: sum(map(_is_closed, idle[:most])) == most, "the end of the oldest")
     assert not any(map(_is_closed, idle[-most:]))
 
 
-def test_a_request_comes_through_a_crowd(served: RunningStudio, idle: list[socket.socket]) -> None:
-    port = int(served.url.rpartition(":")[2])
+def test_a_request_comes_through_a_crowd(own: RunningStudio, idle: list[socket.socket]) -> None:
+    port = int(own.url.rpartition(":")[2])
     with socket.create_connection(("127.0.0.1", port), timeout=30) as asking:
         time.sleep(0.05)
         asking.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode())
