@@ -10,6 +10,7 @@ from contextlib import contextmanager
 
 import pytest
 from click.testing import CliRunner
+from tests.cli.shared_arm import patient, patient_line
 from tests.gateway.tcp_boards import tcp_boards
 
 from hexwire.cli.main import cli
@@ -17,6 +18,13 @@ from hexwire.cli.main import cli
 pytestmark = pytest.mark.system
 
 HEXWIRE = (sys.executable, "-m", "hexwire.cli")
+
+
+@pytest.fixture(autouse=True)
+def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A busy machine is taken neither for a program that has died nor for a board that is silent."""
+    patient(monkeypatch)
+    patient_line(monkeypatch, 5.0)
 
 
 @contextmanager
