@@ -152,7 +152,7 @@ def test_thousands_of_callers_one_after_another(plain: EchoServer) -> None:
             if number % 2:
                 caller.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, reset)
 
-    def settled() -> int:
+    def settled() -> frozenset[tuple[str, str]]:
         deadline = soon()
         while (plain._threads or plain.let_in + plain.listener.refused < visits) and time.monotonic() < deadline:
             time.sleep(0.01)
@@ -163,17 +163,17 @@ def test_thousands_of_callers_one_after_another(plain: EchoServer) -> None:
     for _ in range(1000):
         visit(visits)
         visits += 1
-    before, threads = settled(), threading.active_count()
+    before, threads = settled(), set(threading.enumerate())
     tracemalloc.start()
     grown = tracemalloc.get_traced_memory()[0]
     more = rounds(2_000, 9_000)
     for _ in range(more):
         visit(visits)
         visits += 1
-    assert settled() == before
+    assert settled() <= before
     grown = tracemalloc.get_traced_memory()[0] - grown
     tracemalloc.stop()
-    assert threading.active_count() == threads
+    assert threads.issuperset(threading.enumerate())
     assert grown < 110 * more, "memory grows with the callers"
     assert plain.let_in + plain.listener.refused == visits
     is_served(plain, 7)
@@ -269,7 +269,7 @@ def test_silent_and_dripping_callers_of_a_tls_port(lab: Path) -> None:
         for caller in silent:
             caller.close()
         is_served(server, 1, files(lab, "client"))
-    assert descriptors() == before
+    assert descriptors() <= before
 
 
 def test_many_callers_without_a_certificate(lab: Path) -> None:

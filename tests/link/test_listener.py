@@ -51,7 +51,7 @@ def test_several_callers_are_served_at_once() -> None:
     for pair in pairs:
         for link in pair:
             link.close()
-    assert descriptors() == before
+    assert descriptors() <= before
 
 
 def test_it_binds_to_loopback_unless_told() -> None:
@@ -118,7 +118,7 @@ def test_a_signal_handler_may_close_it_while_it_waits() -> None:
     finally:
         timer.join(PATIENCE)
         signal.signal(signal.SIGUSR1, handler)
-    assert descriptors() == before
+    assert descriptors() <= before
 
 
 def test_one_port_has_one_listener() -> None:
@@ -155,7 +155,7 @@ def test_addresses_that_cannot_be_bound() -> None:
         str(explain_bind(OSError(errno.EIO, "Input/output error"), "u")) == "u cannot be opened: Input/output error"
     )
     assert str(explain_bind(OSError("no number"), "u")) == "u cannot be opened: no number"
-    assert descriptors() == before
+    assert descriptors() <= before
 
 
 def test_listen_addresses() -> None:

@@ -149,7 +149,7 @@ def test_opening_that_fails_leaves_nothing_open() -> None:
     link.open_error = ValueError("a fault of the backend passes as it is")
     with pytest.raises(ValueError, match="passes as it is"):
         link.open()
-    assert descriptors() == before
+    assert descriptors() <= before
     assert not link.is_open
     link.open_error = None
     with link:
@@ -392,7 +392,7 @@ def test_ctrl_c_while_a_link_closes_leaves_the_rest_to_the_next_close(pending: b
         where = interrupted_at(step, lambda link=link: close(link))  # type: ignore[misc]  # of this turn
         Background(link.close).outcome()
         assert (link.is_open, link.near.fileno()) == (False, -1), where
-        assert descriptors() == before, where
+        assert descriptors() <= before, where
         link.open()
         assert link.exchange(b"x", 0.0) == b"", where
         link.close()

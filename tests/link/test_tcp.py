@@ -237,7 +237,7 @@ def test_an_opening_that_fails_leaves_no_descriptor(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(tcp_module, "prepare", broken)
     with pytest.raises(ValueError, match="a fault"):
         TcpLink("127.0.0.1", 15030).open()
-    assert descriptors() == before
+    assert descriptors() <= before
 
 
 def test_a_name_without_any_address_is_no_host(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -253,4 +253,4 @@ def test_an_accepted_link_that_is_closed_frees_its_socket() -> None:
     link.close()
     assert far.recv(1) == b""
     far.close()
-    assert descriptors() == before
+    assert descriptors() <= before

@@ -179,7 +179,7 @@ def test_files_that_cannot_be_used(lab: Path, tmp_path: Path) -> None:
             Listener(tls=wrong).open()
         with pytest.raises(UsageError, match=words), Listener() as listener:
             TcpLink("127.0.0.1", listener.port, tls=wrong).open()
-        assert descriptors() == before
+        assert descriptors() <= before
 
 
 def attempt(listener: Listener, use: Callable[[], object]) -> tuple[PeerLink | None, BaseException | None]:

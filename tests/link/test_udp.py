@@ -312,7 +312,7 @@ def test_errors_of_opening_name_the_link_and_leave_no_descriptor() -> None:
             second.open()
         with refused(LinkTimeoutError, near):
             near.write(b"x", 0.0)
-    assert descriptors() == before
+    assert descriptors() <= before
 
 
 def test_the_socket_has_room_for_a_burst_and_ipv6_leaves_ipv4_alone() -> None:
