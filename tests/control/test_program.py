@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from itertools import count
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -12,7 +14,7 @@ from hypothesis import strategies as st
 
 from hexwire.control.motion.via import Place
 from hexwire.control.requests.motion_service import MotionRequest
-from hexwire.control.requests.program import Move, Program, parse_program
+from hexwire.control.requests.program import Move, Program, check_program, parse_program
 from hexwire.errors import ConfigError, UsageError
 from hexwire.inputs import Item, parse_toml
 from hexwire.model.aim import Aim
@@ -193,3 +195,17 @@ def test_a_step_without_a_speed_has_that_of_the_file() -> None:
 def test_its_recordings_are_in_its_folder() -> None:
     program = Program(parsed("steps = [{play = 'a.mcap'}, {play = 'a.mcap'}]").steps, Path("/lab"))
     assert program.recordings() == {"a.mcap": Path("/lab/a.mcap")}
+
+
+def test_so_many_motions_are_checked_and_no_more() -> None:
+    places = count(1)
+
+    def elsewhere(move: Move, here: object) -> Any:
+        """A plan that ends where none has ended."""
+        return SimpleNamespace(refusal="", path=SimpleNamespace(names=("J1",), goal=(float(next(places)),)))
+
+    step = "steps = [{place = [0, 0, 1], relative = true}]"
+    checked = check_program(parsed(f"steps = [{{repeat = 500, {step}}}]"), elsewhere)
+    assert [number for number, _ in checked] == ["1.1"] * 500
+    with pytest.raises(UsageError, match="more than 500 motions of this program differ: too many to be checked"):
+        check_program(parsed(f"steps = [{{repeat = 501, {step}}}]"), elsewhere)

@@ -260,7 +260,9 @@ def test_a_program_is_kept_as_a_file_that_the_command_runs_too(desk: Desk, tmp_p
         asyncio.run(desk.studio.call(watcher, "arm.save_program", {"name": "a", "steps": STEPS}))
 
 
-def test_a_program_is_checked_as_a_whole_and_nothing_moves(desk: Desk) -> None:
+def test_a_program_is_checked_as_a_whole_and_nothing_moves(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Each plan asks for a state that is fresh: on a busy machine, not all of hundreds find one.
+    monkeypatch.setattr("hexwire.control.requests.program._MOST_CHECKED", 10)
     owner = desk.arm.arm.owner
     before = eventually(lambda: owner.state).positions
     rows = desk.plan("check_program", steps=STEPS)
@@ -281,7 +283,7 @@ def test_a_program_is_checked_as_a_whole_and_nothing_moves(desk: Desk) -> None:
         ([{"play": "missing.mcap"}], "missing.mcap"),
         ([{"fly": 1}], "must have one of pose"),
         ([], "at least 1|1 to 500"),
-        ([{"repeat": 600, "steps": [{"place": [0.0, 0.0, 0.1], "relative": True}]}], "too many to be checked"),
+        ([{"repeat": 11, "steps": [{"place": [0.0, 0.0, 0.1], "relative": True}]}], "too many to be checked"),
     ):
         assert re.search(said, desk.plan("check_program", steps=steps)["error"]), steps
     assert eventually(lambda: owner.state).positions == pytest.approx(before, abs=1e-3)
