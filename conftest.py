@@ -6,7 +6,9 @@ are forgotten after it: a later test may use the id.
 
 from __future__ import annotations
 
+import gc
 import signal
+import sys
 import time
 from collections.abc import Generator, Iterator
 
@@ -31,13 +33,17 @@ def pytest_collect_file() -> Generator[None, list[pytest.Collector], list[pytest
 
 @pytest.fixture(autouse=True)
 def _as_before() -> Iterator[None]:
-    """Forget names of modules, and take back handlers of signals that a command has for the rest of its program.
+    """Forget names of modules, and take back what a command has set for the rest of its program.
 
-    One fixture: each costs every one of the many tests as much as a small test takes.
+    That is handlers of signals, and the interpreter's times. One fixture: each costs every one of the many tests as
+    much as a small test takes.
     """
     named = set(modules._named)
     handlers = [(number, signal.getsignal(number)) for number in _SIGNALS]
+    switch, threshold = sys.getswitchinterval(), gc.get_threshold()
     yield
+    sys.setswitchinterval(switch)
+    gc.set_threshold(*threshold)
     for number, handler in handlers:
         if signal.getsignal(number) is not handler:
             signal.signal(number, handler)

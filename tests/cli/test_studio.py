@@ -83,9 +83,7 @@ def test_the_arm_is_opened_when_the_server_has_started_and_not_after_its_end(
         opened.set()
 
     monkeypatch.setattr("hexwire.control.loop.shutdown.Shutdown.listen", lambda _: None)
-    monkeypatch.setattr("sys.setswitchinterval", lambda _: None)
-    monkeypatch.setattr("gc.freeze", lambda: frozen.append(True))
-    monkeypatch.setattr("gc.set_threshold", lambda *_: None)
+    monkeypatch.setattr("hexwire.studio.memory.pass_by_hand", lambda: frozen.append(True))
     monkeypatch.setattr("hexwire.studio.server.Server", FakeServer)
     monkeypatch.setattr("hexwire.studio.source.Source.open", slow_open)
     monkeypatch.setattr("hexwire.studio.app.Studio.close", lambda _: alive.append(opened.is_set()))

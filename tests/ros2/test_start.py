@@ -60,11 +60,7 @@ def test_the_log_of_a_node_in_a_namespace_has_the_name_of_its_logger(
             return 0
 
     monkeypatch.setattr(start, "HardwareInterface", Node)
-    before = sys.getswitchinterval()
-    try:
-        start.run(["--ros-args", "-r", "__ns:=/lab/left", "-r", "__node:=arm", "-p", "port:=/dev/null"], {})
-    finally:
-        sys.setswitchinterval(before)
+    start.run(["--ros-args", "-r", "__ns:=/lab/left", "-r", "__node:=arm", "-p", "port:=/dev/null"], {})
     assert "[lab.left.arm]: torque is on" in capsys.readouterr().err
 
 
@@ -96,7 +92,7 @@ def test_what_cannot_be_the_way_to_a_router_is_refused(
 
 
 def test_the_owner_of_the_arm_waits_for_no_other_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    before, seen = sys.getswitchinterval(), []
+    seen: list[float] = []
 
     class Node:
         def __init__(self, *_: object) -> None: ...
@@ -106,8 +102,5 @@ def test_the_owner_of_the_arm_waits_for_no_other_thread(monkeypatch: pytest.Monk
             return 0
 
     monkeypatch.setattr(start, "HardwareInterface", Node)
-    try:
-        assert start.run(["--ros-args", "-p", "port:=/dev/null"], {}) == 0
-    finally:
-        sys.setswitchinterval(before)
+    assert start.run(["--ros-args", "-p", "port:=/dev/null"], {}) == 0
     assert max(seen) < 0.001
