@@ -7,11 +7,11 @@ import math
 import threading
 import time
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from tests.defaults import default
 from tests.drivers.puma_server import Served, served_puma
 
 from hexwire.drivers.base import Signal, StopMode
@@ -264,7 +264,7 @@ def test_nobody_there() -> None:
 @pytest.fixture
 def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
     # Its thread may wait for a busy machine.
-    monkeypatch.setattr("hexwire.ipc.session.RetryPolicy", partial(RetryPolicy, attempts=150))
+    default(monkeypatch, RetryPolicy, attempts=150)
     with served_puma() as server:
         yield server
 

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 
 import pytest
+from tests.defaults import default
 from tests.drivers.puma_server import Served, served_puma
 from tests.frames import frame_bytes
 
@@ -19,6 +20,7 @@ from hexwire.emulator.puma import EmulatedPuma
 from hexwire.errors import HexwireError
 from hexwire.link.listener import Listener
 from hexwire.link.tap import Direction, Passed, TapLink, wrap_new_links
+from hexwire.session.policy import RetryPolicy
 from hexwire.wire.command_frame import Command
 from hexwire.wire.robot_bodies import JointCommands
 
@@ -26,7 +28,9 @@ pytestmark = pytest.mark.system
 
 
 @pytest.fixture
-def served() -> Iterator[Served]:
+def served(monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
+    # Its thread may wait for a busy machine.
+    default(monkeypatch, RetryPolicy, attempts=150)
     with served_puma() as server:
         yield server
 
@@ -40,7 +44,7 @@ def call(served: Served) -> socket.socket:
 
 
 def keep_asking(driver: Puma260Driver, seconds: float) -> None:
-    """Ask for a while: an answer that does not come, asked for three times, is an error."""
+    """Ask for a while: an answer that does not come is an error."""
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         driver.read()
@@ -97,7 +101,7 @@ def test_hosts_that_say_nonsense_or_half_a_frame_hold_nobody(served: Served) -> 
             assert driver.session.connection.counters.timeouts == 0
         # And who was rude may still become polite.
         rude[1].sendall(request(Command.ROBOT_PROBE, 2))
-        rude[1].settimeout(10)
+        rude[1].settimeout(30)
         assert rude[1].recv(4096).startswith(bytes.fromhex("5AFAFA5A"))
     finally:
         for link in rude:
@@ -118,7 +122,7 @@ def test_the_most_silent_host_makes_room(served: Served) -> None:
     try:
         with Puma260Driver.from_url(served.tcp) as driver:
             assert driver.read().names == driver.model.names
-            silent[0].settimeout(10)
+            silent[0].settimeout(30)
             assert silent[0].recv(1) == b""
     finally:
         for link in silent:
