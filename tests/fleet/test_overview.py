@@ -20,7 +20,7 @@ from hexwire.fleet.endpoints import endpoints_of, local_socket
 from hexwire.fleet.names import ClientRole, Keys
 from hexwire.fleet.network import Network
 from hexwire.fleet.node import Node
-from hexwire.fleet.overview import Overview, look, stop_all
+from hexwire.fleet.overview import Overview, Stopped, look, stop_all
 from hexwire.fleet.roster import HUNG, Roster
 from hexwire.model.state import JointFlag, JointTarget
 
@@ -59,24 +59,52 @@ def test_an_arm_says_how_it_is(serve: Serve) -> None:
     serve("lab/arm1", robot="sim")
     with Roster() as roster:
         assert roster.settle(PATIENCE)
-        (row,) = look(roster, 2.0)
+        (row,) = look(roster, PATIENCE)
         assert (row.name, row.robot, row.torque) == ("lab/arm1", "hex7bot", "off")
         assert [row.stopped, row.silent] == [False, False]
         assert row.host
         assert row.age is not None
         with registry.connect("zenoh:lab/arm1") as robot:
             robot.torque(True, ["J1", "J2"])
-            eventually(lambda: f"process {os.getpid()}" in look(roster, 2.0)[0].holder)
-            eventually(lambda: look(roster, 2.0)[0].torque == "J1 J2")
+            eventually(lambda: f"process {os.getpid()}" in look(roster, PATIENCE)[0].holder)
+            eventually(lambda: look(roster, PATIENCE)[0].torque == "J1 J2")
             robot.torque(True)
-            eventually(lambda: look(roster, 2.0)[0].torque == "on")
+            eventually(lambda: look(roster, PATIENCE)[0].torque == "on")
             # Nothing but a stop is asked for here.
-            (done,) = stop_all(roster, "Bob")
+            (done,) = stop_all(roster, "Bob", timeout=PATIENCE)
             assert (done.name, done.confirmed, done.joints) == ("lab/arm1", True, robot.model.names)
-            eventually(lambda: look(roster, 2.0)[0].stopped)
-            assert "Bob stopped it" in look(roster, 2.0)[0].why
+            eventually(lambda: look(roster, PATIENCE)[0].stopped)
+            assert "Bob stopped it" in look(roster, PATIENCE)[0].why
             with pytest.raises(StoppedError):
                 robot.write(JointTarget.of({"J1": 0.1}, 1.0))
+
+
+@pytest.fixture
+def stops(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """The stops that are under way, by the arm's name."""
+    made: dict[str, Any] = {}
+
+    class Kept(overview._ArmStop):
+        def __init__(self, seen: Any, *rest: Any) -> None:
+            super().__init__(seen, *rest)
+            made[seen.name] = self
+
+    monkeypatch.setattr(overview, "_ArmStop", Kept)
+    return made
+
+
+def while_it_hangs(
+    roster: Roster, stops: dict[str, Any], hung: str, others: int, mode: StopMode = StopMode.HOLD
+) -> list[Stopped]:
+    """Stop all; the one that hangs is given up only when so many others are known, however late they answer."""
+    assert roster.settle(PATIENCE)
+    rows = []
+    for row in stop_all(roster, "Bob", mode, timeout=4 * PATIENCE):
+        rows.append(row)
+        if len(rows) == others:
+            stops[hung]._timeout = 0.2
+            stops[hung]._ask(stops[hung]._key)
+    return rows
 
 
 @pytest.mark.slow
@@ -92,7 +120,7 @@ def test_an_arm_that_hangs_is_shown_as_silent_and_one_that_starts_too(runtime: P
     starts.close()
 
 
-def test_a_stop_reaches_all_others_while_one_hangs(runtime: Path) -> None:
+def test_a_stop_reaches_all_others_while_one_hangs(runtime: Path, stops: dict[str, Any]) -> None:
     """Those that answer are confirmed before the one that does not is given up."""
     confirmed = m.Answer("", value=["J1", "J2"])
     partly = m.Answer("", "", {"missing": ["J2"]}, ["J1"])
@@ -106,9 +134,7 @@ def test_a_stop_reaches_all_others_while_one_hangs(runtime: Path) -> None:
         puppet("lab/f", stop=m.Answer("", value=[])),
     ]
     with Roster("lab/*") as roster:
-        # So that a stall does not make one of the others later than the end of the one that hangs.
-        assert roster.settle(PATIENCE)
-        rows = list(stop_all(roster, "Bob", timeout=1.0))
+        rows = while_it_hangs(roster, stops, "lab/b", len(nodes) - 1)
     assert rows[-1].name == "lab/b"
     by_name = {row.name: row for row in rows}
     assert sorted(by_name) == [f"lab/{letter}" for letter in "abcdef"]
@@ -122,7 +148,9 @@ def test_a_stop_reaches_all_others_while_one_hangs(runtime: Path) -> None:
         node.close()
 
 
-def test_a_denied_torque_off_still_stops_the_arm(runtime: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_denied_torque_off_still_stops_the_arm(
+    runtime: Path, stops: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     confirmed = m.Answer("", value=["J1"])
     nodes = [
         puppet("lab/a", **{"stop": confirmed, "as/maintainer/off": confirmed}),
@@ -130,12 +158,12 @@ def test_a_denied_torque_off_still_stops_the_arm(runtime: Path, monkeypatch: pyt
         puppet("lab/c", **{"stop": confirmed, "as/maintainer/off": None}),
     ]
     with Roster("lab/*") as roster:
-        rows = {row.name: row for row in stop_all(roster, "Bob", StopMode.TORQUE_OFF, timeout=1.0)}
+        rows = {row.name: row for row in while_it_hangs(roster, stops, "lab/c", 2, StopMode.TORQUE_OFF)}
         assert [rows[name].confirmed for name in sorted(rows)] == [True, True, False]
         assert [bool(rows[name].kept) for name in sorted(rows)] == [False, True, False]
         assert "'hexwire fleet config'" in rows["lab/b"].kept
         monkeypatch.setattr(overview, "role_of", lambda cert: ClientRole.OBSERVER)
-        rows = {row.name: row for row in stop_all(roster, "Bob", StopMode.TORQUE_OFF, timeout=1.0)}
+        rows = {row.name: row for row in stop_all(roster, "Bob", StopMode.TORQUE_OFF, timeout=PATIENCE)}
         assert all(row.confirmed for row in rows.values())
         assert all(row.kept.startswith("an observer may stop it") for row in rows.values())
     for node in nodes:
@@ -224,7 +252,7 @@ def test_only_the_arms_that_are_named_are_stopped(serve: Serve) -> None:
     serve("lab/arm2", robot="sim")
     with Roster() as roster:
         assert roster.settle(PATIENCE)
-        (done,) = stop_all(roster, "Bob", only=["lab/arm2"])
+        (done,) = stop_all(roster, "Bob", timeout=PATIENCE, only=["lab/arm2"])
         assert (done.name, done.confirmed) == ("lab/arm2", True)
-        eventually(lambda: [row.stopped for row in look(roster, 2.0)] == [False, True])
+        eventually(lambda: [row.stopped for row in look(roster, PATIENCE)] == [False, True])
         assert list(stop_all(roster, "Bob", only=["lab/arm3"])) == []
