@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 
 import posix_ipc
 import pytest
+from tests.defaults import default
 from tests.gateway.tcp_boards import Running, connect_to, tcp_boards, wait
 
 from hexwire.drivers.hex7bot import Hex7BotDriver
@@ -19,6 +20,7 @@ from hexwire.link.listener import Listener
 from hexwire.link.mqueue import QueueLink
 from hexwire.link.open import make_link
 from hexwire.model.state import JointTarget
+from hexwire.session.policy import RetryPolicy
 from hexwire.wire.command_frame import Command, Status
 
 A_MINUTE = b"\x60\xea\0"
@@ -32,6 +34,12 @@ def queue_name() -> str:
 def make_queue() -> QueueLink:
     # Few messages: the system limits the memory that all queues of a user take together.
     return QueueLink(queue_name(), server=True, unlink=True, depth=3)
+
+
+@pytest.fixture(autouse=True)
+def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Boards and gateway are threads of this process: they may wait for a busy machine."""
+    default(monkeypatch, RetryPolicy, attempts=150)
 
 
 @pytest.fixture
