@@ -282,6 +282,6 @@ def test_loss_and_return_of_the_router_are_logged_once(runtime: Path, caplog: py
         eventually(said("no connection to the router"))
         for _ in range(3):
             service.check()
-        assert len(caplog.records) == 1
+        assert ["router" in line for line in caplog.messages].count(True) == 1
         with registry.connect("zenoh:a") as robot:
             assert not robot.read().stopped
