@@ -21,6 +21,7 @@ from hexwire.errors import (
     ReplyTimeoutError,
     UsageError,
 )
+from hexwire.ipc import raised_line
 from hexwire.link.open import make_link
 from hexwire.link.serial import SerialLink
 from hexwire.session.policy import ReconnectPolicy
@@ -276,7 +277,10 @@ def test_a_link_made_by_url_opens_it() -> None:
         assert data == b"ping"
 
 
-def test_a_host_raises_the_rate_and_the_next_one_finds_the_old_one() -> None:
+def test_a_host_raises_the_rate_and_the_next_one_finds_the_old_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Nearly as late as the board allows: after a second without a frame it is back at its own rate.
+    for name, seconds in (("_ANSWER", 5.0), ("_SWITCHED", 0.2), ("_CHECK", 0.8)):
+        monkeypatch.setattr(raised_line, name, seconds)
     board = make_hex7bot_board(baud=115200, host_rate=115200, start=time.monotonic())
     with serving(PtyServer(board, baud=115200, rate=lambda: board.host_rate)) as path:
 
