@@ -92,7 +92,7 @@ def test_it_listens_only_where_configured() -> None:
     port = free_port()
     node = Network(listen=(f"tcp/LOCALHOST:{port}",), router=True).open()
     try:
-        with socket.create_connection(("127.0.0.1", port), 5):
+        with socket.create_connection(("127.0.0.1", port), 30):
             pass
         found = re.findall(rf"([0-9A-F]+):{port:04X} [0-9A-F:]+ 0A", Path("/proc/self/net/tcp").read_text())
         assert found == ["0100007F"]

@@ -34,7 +34,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Lab:
 @pytest.fixture(autouse=True)
 def _patience(monkeypatch: pytest.MonkeyPatch) -> None:
     # Two seconds may be short for a handshake on a busy machine.
-    monkeypatch.setattr(network, "_PATIENCE", 20.0)
+    monkeypatch.setattr(network, "_PATIENCE", 30.0)
 
 
 @contextmanager
@@ -42,7 +42,7 @@ def listening(files: TlsFiles) -> Iterator[str]:
     """Somebody who shakes hands and says nothing more."""
     context = files.server_context()
     with socket.create_server(("127.0.0.1", 0)) as server:
-        server.settimeout(10)
+        server.settimeout(30)
 
         def serve() -> None:
             try:
@@ -135,7 +135,7 @@ def test_nobody_and_nothing(tmp_path: Path) -> None:
 
 def test_a_plain_router_asked_for_tls(lab: Lab) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
-        server.settimeout(10)
+        server.settimeout(30)
 
         def serve() -> None:
             connection, _ = server.accept()
@@ -153,6 +153,6 @@ def test_what_is_no_tls_is_told_in_a_word(lab: Lab) -> None:
     near, far = socket.socketpair()
     with near, far:
         far.sendall(b"this is no TLS at all" * 10)
-        near.settimeout(20.0)
+        near.settimeout(30.0)
         text = network._handshake(near, "localhost", of(lab, "anna"))
     assert text == "no TLS (WRONG_VERSION_NUMBER); is it a router for tcp/ only?"

@@ -427,7 +427,7 @@ def test_an_urgent_request_interrupts_one_that_waits(dialect: int) -> None:
 
         def wait() -> None:
             try:
-                session.request(*packet, window=5.0)
+                session.request(*packet, window=60.0)
             except HexwireError as error:
                 outcome.append(error)
 

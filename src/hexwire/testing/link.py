@@ -34,7 +34,7 @@ from hexwire.errors import (
 from hexwire.link.base import Link, LinkKind
 
 # Long enough for a machine that stalls; nothing waits for it unless it fails.
-PATIENCE = 10.0
+PATIENCE = 30.0
 ALL_BYTES = bytes(range(256))
 _DESCRIPTORS = Path("/proc/self/fd")
 
