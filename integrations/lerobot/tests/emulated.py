@@ -9,7 +9,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TypeVar
 
@@ -24,12 +24,13 @@ os.environ.update(
 )
 (HOME / "run").mkdir(mode=0o700)
 
+import pytest  # noqa: E402
 from lerobot.motors.feetech import FeetechMotorsBus  # noqa: E402
 
+from hexwire.bus import timing  # noqa: E402
 from hexwire.drivers.arm_file import load_calibration  # noqa: E402
 from hexwire.drivers.bus_arm import So101Arm  # noqa: E402
 from hexwire.emulator.bus_arms import make_bus_arm  # noqa: E402
-from hexwire.errors import HexwireError  # noqa: E402
 from hexwire.setup.calibrating import store  # noqa: E402
 
 CALIBRATION = HOME / "lerobot" / "calibration"
@@ -40,8 +41,19 @@ LOSS = tuple(word for servo in range(1, 7) for word in ("--fault", f"silent:{ser
 
 @contextmanager
 def bus(*options: str) -> Iterator[str]:
-    """The port of an emulated SO-101 that was never calibrated."""
-    with subprocess.Popen((*BUS, *options), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+    """The port of an emulated SO-101 that was never calibrated.
+
+    The emulator is a program that gets no processor for a while where the machine is busy: this process waits for
+    its answers for longer than for those of real servos, unless some of them are to be lost.
+    """
+    with ExitStack() as stack:
+        if "--fault" not in options:
+            patch = stack.enter_context(pytest.MonkeyPatch.context())
+            for allowance in ("_FIRST_ALLOWANCE", "_LEAST_ALLOWANCE", "_MOST_ALLOWANCE"):
+                patch.setattr(timing, allowance, 1.0)
+        process = stack.enter_context(
+            subprocess.Popen((*BUS, *options), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        )
         assert process.stdin is not None
         assert process.stdout is not None
         try:
@@ -81,13 +93,8 @@ def calibration_file(name: str, *, leader: bool = False) -> Path:
 def calibrated(port: str, name: str, *, leader: bool = False) -> Path:
     """Write LeRobot's file for a name, and store it in the servos."""
     file = calibration_file(name, leader=leader)
-    arm = So101Arm.from_url(port)
-    # The emulator is a program that stalls when the machine does.
-    arm.bus.retries = 20
-    for attempt in range(10):
-        with suppress(*((HexwireError,) if attempt < 9 else ())), arm:
-            store(arm.bus, load_calibration(file))
-            break
+    with So101Arm.from_url(port) as arm:
+        store(arm.bus, load_calibration(file))
     return file
 
 
