@@ -255,10 +255,14 @@ def _run(
                 )
                 opening.start()
                 stack.callback(opening.join)
-            for words, token in (("operate:", made.access.operate_token), ("watch:  ", made.access.watch_token)):
-                say(f"{words} {module.url_of(server, token, first)}", flush=True)
+            lines = [
+                f"operate: {module.url_of(server, made.access.operate_token, first)}",
+                f"watch:   {module.url_of(server, made.access.watch_token, first)}",
+            ]
             if made.foxglove is not None:
-                say(f"foxglove: {module.socket_of(server)}", flush=True)
+                lines.append(f"foxglove: {module.socket_of(server)}")
+            for line in lines:
+                say(line, flush=True)
             if browser:
                 _show(module.url_of(server, made.access.operate_token, first), stack)
 
