@@ -149,6 +149,19 @@ def test_a_missing_servo_ends_it_before_anything_moves(make_bench: Any) -> None:
     assert result.stderr == "error: servo 4 (J5) does not answer: check cable, power and id\n"
 
 
+def test_a_servo_that_is_silent_for_a_while_does_not_end_it(emulated: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    servo, began = emulated.board.wire[4], emulated.clock()
+    receive = servo.receive
+
+    def muted(packet: Any, now: float) -> Any:
+        return None if began + 3.0 < now < began + 4.0 else receive(packet, now)
+
+    monkeypatch.setattr(servo, "receive", muted)
+    result = emulated.run("demo", port=None)
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert emulated.torque() == []
+
+
 def test_an_interruption_takes_the_torque_away(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     began, hit = bench.clock(), []
     receive = bench.board.receive

@@ -227,6 +227,27 @@ speed = 1
 """
 
 
+def test_a_step_of_a_program_that_is_stopped_has_not_arrived(
+    bench: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "a.toml"
+    file.write_text("[[steps]]\njoints = { J1 = 10 }\n[[steps]]\njoints = { J1 = -20 }\n")
+    step = bench.board.step
+
+    def stopped(now: float) -> None:
+        step(now)
+        # On the way back.
+        if bench.board.wire[0].motion.velocity * HEX7BOT.joints[0].sign < 0.0:
+            bench.board.state.stopped = True
+
+    monkeypatch.setattr(bench.board, "step", stopped)
+    result = bench.run("play", str(file), "--json")
+    assert result.exit_code == 1
+    told = json.loads(result.stdout)
+    assert told["arrived"] is False
+    assert [(row["step"], row["arrived"]) for row in told["steps"]] == [("1", True), ("2", False)]
+
+
 def test_play_runs_a_program(bench: Any, tmp_path: Path) -> None:
     file = tmp_path / "a.toml"
     file.write_text(PROGRAM)

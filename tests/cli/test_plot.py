@@ -11,7 +11,7 @@ from hexwire.errors import UsageError
 from hexwire.model.palette import LIGHT
 
 
-def test_picture_of_a_motion_has_names_units_and_title(tmp_path: Path) -> None:
+def test_picture_of_a_motion_has_names_units_and_title(tmp_path: Path, figures: list[Any]) -> None:
     plot = MotionPlot(("J1", "J2"), "goto 0 220 200 mm")
     plot.planned = [(0.1 * i, (0.01 * i, -0.02 * i)) for i in range(10)]
     plot.measured = plot.planned[1:]
@@ -25,6 +25,8 @@ def test_picture_of_a_motion_has_names_units_and_title(tmp_path: Path) -> None:
     text = (tmp_path / "a.svg").read_text(encoding="utf-8")
     for words in ("goto 0 220 200 mm", "time, s", "joint angle, deg", "J1", "J2", "z, mm", "tip from above"):
         assert words in text
+    joints = [(line.get_linewidth() > 0, line.get_marker()) for line in figures[0].axes[0].lines]
+    assert joints == [(True, "None"), (False, ".")] * 2, "line: planned, dots: measured"
 
 
 @pytest.fixture

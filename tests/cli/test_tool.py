@@ -54,6 +54,7 @@ def test_grip_says_why_the_arm_was_stopped_during_the_motion(
 def test_grip_wants_a_share(bench: Any) -> None:
     assert "open, close or a percentage, as in 40%, not 'half'" in bench.run("grip", "half").stderr
     assert bench.run("grip", "130").exit_code == 2
+    assert "-5 is less than 0" in bench.run("grip", "-5").stderr
     assert bench.run("grip", "wide").exit_code == 2
 
 
