@@ -19,6 +19,7 @@ from typing import Any
 
 import pytest
 from packaging.requirements import Requirement
+from tests.few import few
 
 import hexwire
 import zenoh_ros2
@@ -300,7 +301,7 @@ def test_every_address_names_the_extra_that_it_needs(said: Any) -> None:
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("extra", OWN_EXTRA)
+@few("extra", OWN_EXTRA, "ros2")
 def test_with_one_extra_what_needs_another_one_names_it(extra: str, tmp_path: Path) -> None:
     variables = environment(tmp_path, extra)
     for words, needed in OWN_EXTRA[extra].items():
