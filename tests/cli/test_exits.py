@@ -92,7 +92,8 @@ def test_a_shielded_section_is_not_interrupted() -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_sigterm_and_sighup_end_like_ctrl_c(number: signal.Signals) -> None:
-    before = signal.getsignal(number)
+    # The tests themselves may have been started by `nohup`.
+    before = signal.signal(number, signal.SIG_DFL)
     try:
         exits.ends_like_ctrl_c()
         with pytest.raises(KeyboardInterrupt):
