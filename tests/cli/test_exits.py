@@ -154,6 +154,8 @@ def test_a_full_disk_is_an_error() -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_work_that_must_not_be_interrupted_is_asked_to_end(number: signal.Signals) -> None:
+    # The tests themselves may have been started by `nohup`.
+    signal.signal(number, signal.SIG_DFL)
     before = signal.getsignal(number)
     with exits.ends_when_asked() as ended:
         assert not ended()
