@@ -15,13 +15,9 @@ APT_AVR := arduino-core-avr avr-libc binutils-avr gcc-avr make
 APT_TEST := $(APT_AVR) ament-cmake avrdude chromium-headless-shell clang fish g++ gcc libclang-rt-dev libegl1 libelf-dev iproute2 \
     libgl1-mesa-dri libsimavr-dev liburdfdom-tools mandoc nftables sigrok-cli tshark xvfb zsh $(ROS1)
 
-# The first Python that is new enough; `make PYTHON=/path/to/python3.12 test` selects another. Debian's own comes before
-# one that somebody has compiled, such as pyenv's: it is the one that hexwire is for, and about a tenth faster.
-NEW_ENOUGH := sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))
-PYTHON ?= $(firstword \
-    $(shell /usr/bin/python3 -c 'import ensurepip, sys; $(NEW_ENOUGH)' 2>/dev/null && echo /usr/bin/python3) \
-    $(foreach p,python3 python3.13 python3.12 python3.11,\
-        $(shell $(p) -c 'import sys; $(NEW_ENOUGH)' 2>/dev/null && echo $(p))))
+# The first Python that is new enough; `make PYTHON=/path/to/python3.12 test` selects another.
+PYTHON ?= $(firstword $(foreach p,python3 python3.13 python3.12 python3.11,\
+    $(shell $(p) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null && echo $(p))))
 # Workers start with adjacent tests, which share the processes that their fixtures start.
 PYTEST_ARGS ?= -n auto --dist worksteal
 # The same examples in every run, so that a failure is caused by the change under test;
