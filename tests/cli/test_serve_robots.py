@@ -137,6 +137,10 @@ OF_A_SERVER = (
 UNANSWERED = re.compile("not confirmed by|no answer|does not answer")
 
 
+UNCALIBRATED = "note: not calibrated: "
+"""Of an arm that somebody shares, its server says so, in its log."""
+
+
 STALLED = re.compile(r"warning: \S+: its states (have stopped arriving|arrive again)")
 
 
@@ -148,7 +152,7 @@ def says(output: str) -> list[str]:
             line = re.sub(text, other, line)
         # Of a board of dialect 1 only the server knows which joints have torque already; and a busy machine may
         # keep it from telling states for a while.
-        if not (line.startswith("torque on: ") or STALLED.match(line)):
+        if not (line.startswith(("torque on: ", UNCALIBRATED)) or STALLED.match(line)):
             lines.append(line)
     return lines
 
