@@ -66,7 +66,7 @@ def read_settings(
     values = {row.name: faults.read(row, given.get(row.name, row.default)) for row in SETTINGS}
     faults.only(given, _ROWS)
     driver, like = _make_driver(values, faults)
-    if not faults.texts:
+    if driver is not None and not faults.texts:
         _meet(driver)
     model = None if like is None else like.model
     values["kinematics"] = kinematics = None if like is None else _make_kinematics(values, like, faults)
@@ -148,10 +148,10 @@ def _make_driver(values: dict[str, Any], faults: Faults) -> tuple[RobotDriver | 
         return None, None
 
 
-def _meet(driver: RobotDriver | None) -> None:
+def _meet(driver: RobotDriver) -> None:
     """Let an arm take the calibration that its servos have stored: all that is read here depends on its angles."""
-    arm = None if driver is None else StoredCalibration.find(driver)
-    if driver is not None and arm is not None and arm.may_change_model:
+    arm = StoredCalibration.find(driver)
+    if arm is not None and arm.may_change_model:
         # Why that fails is told when the arm is used.
         with suppress(HexwireError):
             driver.attach()
