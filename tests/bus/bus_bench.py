@@ -8,6 +8,8 @@ from hexwire.bus.servo_bus import ServoBus
 from hexwire.emulator.bus_device import BusDevice, make_servos
 from hexwire.emulator.faults import FaultPlan
 from hexwire.emulator.serve import BoardLink
+from hexwire.emulator.servo import EmulatedServo
+from hexwire.model.calibration import JointCalibration
 from hexwire.wire.registers import Series
 
 
@@ -53,3 +55,10 @@ def exchange_by(bus: ServoBus, exchange: Callable[..., bytes]) -> None:
     line.exchange = exchange
     line.ask = sent.append
     line.collect = lambda window, rest=None: exchange(sent.pop(), window, rest)
+
+
+def put_calibration(servo: EmulatedServo, row: JointCalibration) -> None:
+    """Let a servo have a calibration in its registers, as if it had been stored there."""
+    servo.registers.put("position_offset", row.servo_offset or 0)
+    servo.registers.put("min_position_limit", row.low)
+    servo.registers.put("max_position_limit", row.high)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import pytest
-from tests.bus.bus_bench import make_bus
+from tests.bus.bus_bench import make_bus, put_calibration
 
 from hexwire.drivers.arm_file import BusArmFile, load_profile
 from hexwire.drivers.bus_arm import BusArm, ChainArm, So100Arm, So101Arm
@@ -45,10 +45,7 @@ def rows_of(model: ArmModel) -> tuple[JointCalibration, ...]:
 
 
 def store(device: BusDevice, row: JointCalibration) -> None:
-    registers = device.wire[row.servo_id].registers
-    registers.put("position_offset", row.servo_offset or 0)
-    registers.put("min_position_limit", row.low)
-    registers.put("max_position_limit", row.high)
+    put_calibration(device.wire[row.servo_id], row)
 
 
 def test_all_joints_have_what_their_servos_store(kind: type[BusArm], made: Made) -> None:

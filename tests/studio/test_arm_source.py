@@ -16,12 +16,13 @@ from tests.studio.running import PATIENCE, until
 from hexwire.control.loop import holding
 from hexwire.control.loop.known_state import KNOWN_FOR
 from hexwire.control.motion import motion_run
+from hexwire.control.motion.hold_to_run import HeldMotion
 from hexwire.errors import DeviceError, UsageError
 from hexwire.model.state import JointFlag, JointState, JointTarget, SentTarget
 from hexwire.studio import arm_source
 from hexwire.studio.access import Right
 from hexwire.studio.frames import FrameBit
-from hexwire.studio.source import Source
+from hexwire.studio.source import ArmSource, Source
 from hexwire.studio.tabs import Tab
 
 
@@ -32,6 +33,36 @@ def source() -> Iterator[Source]:
         yield made
     finally:
         made.close()
+
+
+def controlled(source: Source, address: str, **settings: object) -> tuple[ArmSource, Tab]:
+    """An arm with torque, and the page that has control; a machine that stalls ends nothing that it holds."""
+    source.silence = 60.0
+    arm = source.open(address, **settings)
+    arm.arm.enable(True)
+    tab = Tab("tab 1", "key", "session", Right.OPERATE)
+    source.take(tab)
+    return arm, tab
+
+
+def held(arm: ArmSource, tab: Tab, number: int) -> HeldMotion:
+    """What a page begins to hold, with the number that it gives it."""
+    entry = arm.hold_to_run.begin(tab.key, number)
+    assert entry is not None
+    return entry
+
+
+def angles_sent(arm: ArmSource, joint: str, monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """The angles that a joint is sent to from now on, radians."""
+    told: list[float] = []
+    write = arm.driver.write
+
+    def noted(target: JointTarget) -> SentTarget:
+        told.extend(angle for name, angle in target.positions if name == joint)
+        return write(target)
+
+    monkeypatch.setattr(arm.driver, "write", noted)
+    return told
 
 
 def test_on_a_slow_line_less_silence_ends_a_hold(source: Source) -> None:
@@ -105,13 +136,8 @@ def test_a_motion_ends_because_its_page_was_closed_not_for_its_lease(
     source: Source, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(motion_run, "_FAREWELL", 60.0)
-    source.silence = 60.0
-    arm = source.open("sim://hex7bot?name=leaves", watchdog=5.0)
-    arm.arm.enable(True)
-    tab = Tab("tab 1", "key", "session", Right.OPERATE)
-    source.take(tab)
-    entry = arm.hold_to_run.begin(tab.key, 1)
-    assert entry is not None
+    arm, tab = controlled(source, "sim://hex7bot?name=leaves", watchdog=5.0)
+    entry = held(arm, tab, 1)
     arm.begin_run(tab, entry, {"what": "joints", "goals": {"J1": 1.0}, "speed": 0.05}, arm.mark())
     # The thread that ends motions is late; the one that gives control back is not.
     late = threading.Event()
@@ -131,21 +157,9 @@ def test_a_motion_ends_because_its_page_was_closed_not_for_its_lease(
 def test_a_released_jog_brakes_instead_of_going_back_to_where_it_was_measured(
     source: Source, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    source.silence = 60.0
-    arm = source.open("sim://hex7bot?name=brakes", watchdog=5.0)
-    arm.arm.enable(True)
-    tab = Tab("tab 1", "key", "session", Right.OPERATE)
-    source.take(tab)
-    told: list[float] = []
-    write = arm.driver.write
-
-    def noted(target: JointTarget) -> SentTarget:
-        told.extend(angle for name, angle in target.positions if name == "J1")
-        return write(target)
-
-    monkeypatch.setattr(arm.driver, "write", noted)
-    entry = arm.hold_to_run.begin(tab.key, 1)
-    assert entry is not None
+    arm, tab = controlled(source, "sim://hex7bot?name=brakes", watchdog=5.0)
+    told = angles_sent(arm, "J1", monkeypatch)
+    entry = held(arm, tab, 1)
     arm.begin_jog(tab, entry, "joint", {"directions": {"J1": 1.0}, "speed": 0.4}, arm.mark())
     until(lambda: any(b - a > 0.02 for a, b in pairwise(told[:])), "it moves")
     arm.hold_to_run.end(tab.key, "released")
@@ -159,28 +173,15 @@ def test_a_released_jog_brakes_instead_of_going_back_to_where_it_was_measured(
 def test_a_jog_that_begins_during_a_motion_begins_where_its_joints_have_braked(
     source: Source, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    source.silence = 60.0
-    arm = source.open("sim://so101?name=takes_over")
-    arm.arm.enable(True)
-    tab = Tab("tab 1", "key", "session", Right.OPERATE)
-    source.take(tab)
-    told: list[float] = []
-    write = arm.driver.write
-
-    def noted(target: JointTarget) -> SentTarget:
-        told.extend(angle for name, angle in target.positions if name == "shoulder_pan")
-        return write(target)
-
-    monkeypatch.setattr(arm.driver, "write", noted)
-    first = arm.hold_to_run.begin(tab.key, 1)
-    assert first is not None
+    arm, tab = controlled(source, "sim://so101?name=takes_over")
+    told = angles_sent(arm, "shoulder_pan", monkeypatch)
+    first = held(arm, tab, 1)
     far = {"what": "joints", "goals": {"shoulder_pan": 1.5}, "speed": 1.0}
     arm.begin_run(tab, first, far, arm.mark())
     # At any time: it may have arrived when this looks.
     until(lambda: any(b - a > 0.1 for a, b in zip(told[:], told[3:], strict=False)), "it moves")
     arm.hold_to_run.end(tab.key, "released")
-    second = arm.hold_to_run.begin(tab.key, 2)
-    assert second is not None
+    second = held(arm, tab, 2)
     ended = len(told)
     arm.begin_jog(tab, second, "joint", {"directions": {"shoulder_pan": 1.0}, "speed": 0.1}, arm.mark())
     until(lambda: len(told) > ended + 5, "it brakes and jogs")
@@ -196,11 +197,7 @@ def test_a_jog_that_begins_after_another_lets_its_joints_brake_first(
 ) -> None:
     # However long a busy machine takes for it.
     monkeypatch.setattr(arm_source, "_BRAKES", PATIENCE)
-    source.silence = 60.0
-    arm = source.open("sim://so101?name=jogs_again")
-    arm.arm.enable(True)
-    tab = Tab("tab 1", "key", "session", Right.OPERATE)
-    source.take(tab)
+    arm, tab = controlled(source, "sim://so101?name=jogs_again")
     cut: list[bool] = []
     release = arm.jog.release
 
@@ -210,8 +207,7 @@ def test_a_jog_that_begins_after_another_lets_its_joints_brake_first(
 
     monkeypatch.setattr(arm.jog, "release", noted)
     for number in (1, 2):
-        entry = arm.hold_to_run.begin(tab.key, number)
-        assert entry is not None
+        entry = held(arm, tab, number)
         before = arm.goals.get("shoulder_pan", 0.0)
         arm.begin_jog(tab, entry, "joint", {"directions": {"shoulder_pan": 1.0}, "speed": 1.0}, arm.mark())
         until(lambda before=before: arm.goals.get("shoulder_pan", 0.0) - before > 0.05, "it moves")  # type: ignore[misc]  # bound now
@@ -227,11 +223,7 @@ def test_on_a_slow_line_a_released_jog_holds_though_the_owner_is_late(
     # Any line is as slow as that.
     for module in (arm_source, holding):
         monkeypatch.setattr(module, "SOON", 0.0)
-    source.silence = 60.0
-    arm = source.open("sim://hex7bot?name=holds", watchdog=5.0)
-    arm.arm.enable(True)
-    tab = Tab("tab 1", "key", "session", Right.OPERATE)
-    source.take(tab)
+    arm, tab = controlled(source, "sim://hex7bot?name=holds", watchdog=5.0)
     told: list[JointTarget] = []
     write = arm.driver.write
 
@@ -242,8 +234,7 @@ def test_on_a_slow_line_a_released_jog_holds_though_the_owner_is_late(
         return write(target)
 
     monkeypatch.setattr(arm.driver, "write", noted)
-    entry = arm.hold_to_run.begin(tab.key, 1)
-    assert entry is not None
+    entry = held(arm, tab, 1)
     arm.begin_jog(tab, entry, "joint", {"directions": {"J1": 1.0}, "speed": 0.4}, arm.mark())
     until(lambda: told, "it moves")
     with arm.arm.owner.deciding():

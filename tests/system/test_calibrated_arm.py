@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from click.testing import CliRunner, Result
+from tests.bus.bus_bench import put_calibration
 from tests.fleet.emulated import patience, served_bus
 
 import hexwire
@@ -57,7 +58,7 @@ Seen = tuple["ArmModel", Mapping[str, float]]
 def servos() -> list[EmulatedServo]:
     made = make_servos([Series.STS_SMS], range(1, 7), baud=[0], start=time.monotonic())
     for servo, row in zip(made, ROWS, strict=True):
-        store(servo, row)
+        put_calibration(servo, row)
     return made
 
 
@@ -65,12 +66,6 @@ def servos() -> list[EmulatedServo]:
 def port(servos: list[EmulatedServo]) -> Iterator[str]:
     with patience(), served_bus(servos) as path:
         yield path
-
-
-def store(servo: EmulatedServo, row: JointCalibration) -> None:
-    values = {"position_offset": row.servo_offset, "min_position_limit": row.low, "max_position_limit": row.high}
-    for name, value in values.items():
-        servo.registers.put(name, value or 0)
 
 
 def by_connect(port: str) -> Seen:
@@ -185,7 +180,7 @@ def test_an_arm_that_was_not_there_at_the_start_is_not_used_with_other_angles(po
 def test_commands_and_servers_say_that_an_arm_is_not_calibrated(
     port: str, servos: list[EmulatedServo], caplog: pytest.LogCaptureFixture
 ) -> None:
-    store(servos[0], replace(ROWS[0], low=0, high=4095))
+    put_calibration(servos[0], replace(ROWS[0], low=0, high=4095))
     said = "not calibrated: shoulder_pan may be elsewhere than shown: `hexwire bus calibrate so101`"
     result = CliRunner().invoke(cli, ["state", "--robot", "so101", "--port", port])
     assert (result.exit_code, result.stderr) == (0, f"note: {said}\n")
