@@ -91,8 +91,9 @@ def test_a_recording_is_cut_slowed_played_in_rounds_paused_and_kept(studio: Runn
     assert shaft(studio, "J1") == pytest.approx(stood, abs=0.03)
     name.press("Enter")
     page.get_by_role("button", name="Replace it").press("Enter")
-    expect(time).to_have_text("0.0 of 3.0 s")
-    assert read_taught(str(file)).duration == pytest.approx(3.0, abs=0.2)
+    # A sample that is as late as the handle may be just within it, or just outside.
+    expect(time).to_have_text(f"0.0 of {kept.duration:.1f} s")
+    assert read_taught(str(file)).duration == pytest.approx(kept.duration, abs=0.01)
     (folder / "half.mcap").unlink()
     source.select_option("half.mcap")
     expect(page.get_by_text("There is no recording 'half.mcap'")).to_be_visible()

@@ -37,6 +37,7 @@ _IN_SIGHT = """() => {
         .map(([, row]) => Number(row.dataset.number));
 }"""
 """Numbers of the frames that are whole in sight, from above."""
+_DRAWN = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
 
 
 @pytest.fixture
@@ -72,7 +73,7 @@ def test_live_frames_are_saved_filtered_and_paused(wire: Page, tmp_path: Path) -
     wire.get_by_role("button", name="Pause").click()
     wire.get_by_role("button", name="Go on").wait_for()
     # What has come before is drawn with the next picture.
-    wire.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    wire.evaluate(_DRAWN)
     shown = frames.inner_text()
     wire.wait_for_timeout(300)
     assert frames.inner_text() == shown
@@ -317,12 +318,14 @@ def test_a_list_that_follows_does_not_move_under_a_finger(studio: RunningStudio,
         send("Start", 500)
         for i in range(60):
             send("Move", 500 + 2 * i)
-        send("End")
         page.wait_for_function("!document.querySelector('.hw-wire-label input').checked")
+        page.evaluate(_DRAWN)
         before = page.evaluate(top)
         height = page.evaluate("document.querySelector('.hw-wire-inner').clientHeight")
         page.wait_for_function(f"document.querySelector('.hw-wire-inner').clientHeight > {height + 440}")
         assert page.evaluate(top) == before
+        # Lifted while it rests, the finger does not throw the list.
+        send("End")
         follow.check()
         page.wait_for_function(f"{top} > {before + 440}")
     finally:
