@@ -133,6 +133,28 @@ def test_the_preview_of_the_pose_that_was_wanted_last_stays(studio: RunningStudi
 
 
 @pytest.mark.slow
+def test_all_of_a_motion_is_played_although_it_is_smoothed_before_it_is_seen(
+    studio: RunningStudio, operator: Page
+) -> None:
+    folder = Path(studio.studio.recordings.library.folder)
+    for name, seconds in (("short", 0.5), ("long", 3.0)):
+        swing(folder, f"{name}.mcap", seconds)
+    open_page(operator)
+    operator.get_by_role("tab", name="Teach and play").click()
+    source, time = operator.get_by_label("Motion", exact=True), operator.locator("#arm-time-value")
+    source.select_option("short.mcap")
+    expect(time).to_have_text("0.0 of 0.5 s")
+    operator.evaluate(HOLD, "arm.timeline")
+    source.select_option("long.mcap")
+    operator.get_by_label("Smooth").select_option("0.1")
+    held(operator, 2)
+    operator.evaluate("() => late.forEach((go) => go())")
+    expect(time).to_have_text("0.0 of 3.0 s")
+    end = operator.get_by_role("slider", name="End", exact=True)
+    expect(end).to_have_attribute("aria-valuetext", "3.0 seconds")
+
+
+@pytest.mark.slow
 def test_why_teaching_did_not_end_stays_in_sight(studio: RunningStudio, operator: Page) -> None:
     studio.torque()
     open_page(operator)

@@ -112,6 +112,7 @@ function mountTimeline(page, root) {
   let refused = false; // what is refused cannot be begun, until something is changed
   let timer = 0;
   let asked = 0;
+  let whole = true; // what is asked for is another motion than the one that is shown: all of it is played
   let lists = 0; // of recordings that were asked for
 
   /** @type {(words: string, act: () => unknown, more?: Record<string, string | boolean>) => HTMLButtonElement} */
@@ -179,7 +180,10 @@ function mountTimeline(page, root) {
    */
   async function load(anew) {
     const mine = (asked += 1);
-    if (anew) smooth.value = "0";
+    if (anew) {
+      smooth.value = "0";
+      whole = true;
+    }
     // Nothing is begun of what is not shown yet.
     loading = true;
     offer(null);
@@ -196,12 +200,13 @@ function mountTimeline(page, root) {
     loading = false;
     // What cannot be smoothed so stays as it was.
     if (!isRefused(told)) taught = told;
-    else if (anew) taught = null;
+    else if (whole) taught = null;
     failed.hidden = !isRefused(told);
     failed.textContent = isRefused(told) ? `${capital(told.error)}.` : "";
-    if (taught && anew) {
+    if (taught && whole) {
       [begin, end, cursor, left] = [0, taught.duration, 0, 0];
       kept.textContent = "";
+      whole = false;
     }
     show();
     soon();
