@@ -196,6 +196,19 @@ def test_after_a_stall_the_goal_continues_and_ends_later(after: float) -> None:
     assert max(map(abs, loop.speeds("J1"))) < 1.2, "it is not made up for"
 
 
+@pytest.mark.parametrize("late", [0.03, 0.05, 0.07])
+def test_a_loop_that_is_often_a_little_late_makes_no_joint_faster_and_ends_later(late: float) -> None:
+    loop = Loop(tolerances=tolerances(path={"J1": Tolerance(0.05)}, goal=0.005, goal_time=0.05))
+    told = loop.send(order((1.0, {"J1": J1 + 0.8})))
+    begins = loop.now
+    while not told.ends and loop.now < begins + 5.0:
+        loop.run(0.1)
+        loop.time.sleep(late)
+    assert told.outcome == SUCCEEDED, told.text
+    assert loop.now > begins + 1.05
+    assert max(map(abs, loop.speeds("J1"))) < 1.25, "a motion of 0.8 rad in 1 s has at most 1.2 rad/s"
+
+
 @pytest.mark.parametrize("after", [0.9, 0.94])
 def test_a_stall_before_the_last_target_gives_the_arm_the_time_to_get_there(after: float) -> None:
     loop = Loop(tolerances=tolerances(goal=0.005, goal_time=0.05))

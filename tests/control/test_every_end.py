@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from tests.control.arm_bench import Told, order
 from tests.control.shared_bench import SharedBench
+from tests.control.so_bench import SoBench
 from tests.drivers.arms import Arm
 from tests.few import few
 from tests.motion.arms import EXCESS, HOME, NAMES, PERIOD, rest_to_rest
@@ -17,6 +18,7 @@ from tests.motion.arms import EXCESS, HOME, NAMES, PERIOD, rest_to_rest
 from hexwire.control.loop.controller import TrajectoryController
 from hexwire.control.loop.target import SteppedWay
 from hexwire.control.motion.motions import MotionOptions, run_motion
+from hexwire.drivers.bus_arm import So101Arm
 from hexwire.model.arm import JointModel
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointTarget
@@ -49,17 +51,17 @@ class Ending(SharedBench):
 
 def sample_steps(monkeypatch: pytest.MonkeyPatch) -> list[tuple[float, ...]]:
     """Where the ways of targets lead that are sent in steps from now on, every `PERIOD`."""
-    places, rows, sampled = SteppedWay.places, list[tuple[float, ...]](), -math.inf
+    step, rows, sampled = SteppedWay.next, list[tuple[float, ...]](), -math.inf
 
-    def noted(way: SteppedWay, now: float) -> dict[str, float]:
+    def noted(way: SteppedWay, now: float) -> JointTarget:
         nonlocal sampled
-        found, sampled = places(way, now), sampled if rows else now
+        found, sampled = step(way, now), sampled if rows else now
         while sampled + PERIOD < way.told:
             sampled += PERIOD
             rows.append(way.at(sampled).position)
         return found
 
-    monkeypatch.setattr(SteppedWay, "places", noted)
+    monkeypatch.setattr(SteppedWay, "next", noted)
     return rows
 
 
@@ -136,21 +138,22 @@ def test_a_motion_of_a_program_ends_so_when_the_program_has_seen_enough(
 
 @pytest.mark.parametrize("after", [0.3, 0.7])
 def test_so_ends_a_target_that_is_sent_in_steps(after: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    arm = Arm(1, 115200)
-    joint, here = HEX7BOT.joint("J4"), arm.driver.read()["J4"].position
-
-    rows = sample_steps(monkeypatch)
-    begin = arm.clock.time
-    result = run_motion(
-        arm.driver,
-        JointTarget.of({"J4": here + 0.8}, 1.6),
-        MotionOptions(clock=arm.clock, sleep=arm.wait, rate=20.0),
-        until=lambda state: arm.clock.time > begin + after,
-    )
-    assert result.cut
-    assert result.stopped is None
-    assert worst(rows, [joint]) <= EXCESS
-    assert rows[-1][0] == pytest.approx(rows[-2][0], abs=1e-6)
-    assert 0.005 < rows[-1][0] - here < 0.79
-    arm.wait(1.0)
-    assert arm.driver.read()["J4"].position == pytest.approx(rows[-1][0], abs=0.01)
+    bench = SoBench(pose=3, any_horns=False)
+    clock, joint = bench.link.clock, bench.described.model.joint("elbow_flex")
+    with So101Arm(bench.link) as driver:
+        here = driver.read()[joint.name].position
+        way = math.copysign(0.8, joint.minimum + joint.maximum - 2.0 * here)
+        rows, begin = sample_steps(monkeypatch), clock.time
+        result = run_motion(
+            driver,
+            JointTarget.of({joint.name: here + way}, 1.6),
+            MotionOptions(clock=clock, sleep=clock.sleep),
+            until=lambda state: clock.time > begin + after,
+        )
+        assert result.cut
+        assert result.stopped is None
+        assert worst(rows, [joint]) <= EXCESS
+        assert rows[-1][0] == pytest.approx(rows[-2][0], abs=1e-6)
+        assert 0.005 < abs(rows[-1][0] - here) < 0.79
+        clock.sleep(1.0)
+        assert driver.read()[joint.name].position == pytest.approx(rows[-1][0], abs=0.01)

@@ -20,7 +20,7 @@ from hexwire.control.sharing.shared_steps import JointSteps, SteppedTargets
 from hexwire.errors import LeaseError, LimitError, StoppedError
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
 from hexwire.model.state import JointTarget, SentTarget
-from hexwire.motion.quintic import quintic_share
+from hexwire.motion.quintic import PEAK_SPEED, quintic_share
 from hexwire.motion.safety import StopReason
 
 AWAY = 0.8
@@ -239,7 +239,7 @@ def test_a_joint_of_unknown_position_is_sent_to_its_target() -> None:
 def test_the_controller_of_steps_reports_no_goals() -> None:
     def line() -> SteppedWay:
         made = SteppedWay(straight({"J1": 0.0}, {"J1": 1.0}, 2.0), 10.0, 0.5)
-        assert made.places(10.0) == {"J1": quintic_share(0.25)}
+        assert made.next(10.0) == JointTarget.of({"J1": quintic_share(0.25)}, 0.75)
         return made
 
     way = JointSteps("J1", HEX7BOT)
@@ -250,6 +250,8 @@ def test_the_controller_of_steps_reports_no_goals() -> None:
     assert way.aim(10.0) == quintic_share(0.25)
     assert way.left(11.0) > 1.0
     assert way.cycle(None, 10.5, 0.75) == JointTarget.of({"J1": 0.5}, 0.75)  # type: ignore[arg-type]
+    for now in (11.0, 11.5):
+        assert way.cycle(None, now, 0.75) is not None  # type: ignore[arg-type]
     assert way.cycle(None, 12.0, 0.75) == JointTarget.of({"J1": 1.0}, 0.5)  # type: ignore[arg-type]
     assert not way.busy
     assert way.aim(12.6) == 1.0
@@ -259,6 +261,23 @@ def test_the_controller_of_steps_reports_no_goals() -> None:
     way.stop(StopReason("asked", "a test"))
     way.reset()
     assert (way.busy, way.reason, way.aim(10.0)) == (False, None, None)
+
+
+def test_however_late_a_step_is_it_needs_no_more_speed_than_was_asked_for() -> None:
+    fastest = 1.01 * PEAK_SPEED / 2.0
+    for late in (0.0, 0.02, 0.05, 0.3, 1.0):
+        way = SteppedWay(straight({"J1": 0.0}, {"J1": 1.0}, 2.0), 10.0, 0.05)
+        now, here, steps = 10.0, 0.0, 0
+        while not way.over:
+            step = way.next(now)
+            ((_, goal),) = step.positions
+            assert abs(goal - here) / step.duration <= fastest, late
+            steps += 1
+            later = 0.05 + late * (steps % 5 == 0)
+            # A joint that goes to its target at the speed it was told.
+            here += (goal - here) * min(1.0, later / step.duration)
+            now += later
+        assert goal == 1.0
 
 
 CHANGES: dict[str, Callable[[SharedBench, int], object]] = {

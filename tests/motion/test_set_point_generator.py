@@ -371,19 +371,36 @@ def test_what_remains_of_a_trajectory() -> None:
     assert generator.done
 
 
-def test_a_loop_that_is_late_by_a_lead_catches_up_and_beyond_it_slips() -> None:
-    for late, slips in ((0.99, 0), (1.01, 1)):
+def test_a_loop_that_is_late_goes_on_as_planned_and_after_a_lead_from_rest() -> None:
+    for late in (0.09, 0.11, 0.99, 1.01):
         generator = started()
         path = way(J1, J1 + 0.2)
         generator.follow(path, 0.0)
         sent(generator, 0.0)
         now = LEAD + late * LEAD
         angle = sent(generator, now)
-        assert generator.counters.slips == slips
-        if slips:
-            assert path.at(LEAD).position[0] < angle < path.at(2 * LEAD).position[0], "it begins from rest"
+        assert generator.counters.slips == (late > 0.1)
+        if late < 0.1:
+            assert angle == path.at(now + LEAD).position[0]
+        elif late < 1.0:
+            assert angle == pytest.approx(path.at(2 * LEAD).position[0])
+            assert generator.ends == pytest.approx(path.duration + late * LEAD)
         else:
-            assert angle == pytest.approx(path.at(now + LEAD).position[0])
+            assert path.at(LEAD).position[0] < angle < path.at(2 * LEAD).position[0], "it begins from rest"
+
+
+def test_however_late_the_loop_is_no_target_needs_a_tenth_more_speed_than_was_planned() -> None:
+    for late in (0.09, 0.2, 0.5, 0.9, 1.0, 1.5, 4.0):
+        generator = started()
+        path = way(J1, J1 + 1.0)
+        generator.follow(path, 0.0)
+        now, angles = 0.0, [J1]
+        while not generator.done:
+            angles.append(sent(generator, now, J1=angles[-1]))
+            now += LEAD * (1.0 + late * (len(angles) % 3 == 0))
+        fastest = max(abs(path.sample(0.01 * i).velocity[0]) for i in range(int(100 * path.duration)))
+        assert max(abs(b - a) for a, b in pairwise(angles)) <= 1.1 * fastest * LEAD, late
+        assert angles[-1] == pytest.approx(path.goal[0])
 
 
 @pytest.mark.parametrize("keeps_to", [0.05, 0.4, 0.9, 1.6])

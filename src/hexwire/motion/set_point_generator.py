@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 __all__ = ["GeneratorCounters", "Mode", "SetPointGenerator", "Ways"]
 
 _ROUNDING = 1e-9
-_STALL = 1.0
-"""Delay behind the last command, in leads, from which the loop counts as stalled."""
+_LATE, _STALL = 0.1, 1.0
+"""Delays behind the last command, in leads: up to the first the joints catch up, beyond the second they rest."""
 _ASIDE = 0.3
 """Seconds in which a trajectory that starts elsewhere must be within reach."""
 _LATER, _PLACES = 0.1, 10
@@ -305,11 +305,11 @@ class SetPointGenerator:
     def _counts(self, names: tuple[str, ...], when: float) -> bool:
         """Whether a plan for exactly these joints is not over at a time, or still has a command to give."""
         chain = self._chain
-        return bool(chain) and chain[-1][0].names == names and (self._running or when < self._ends)
+        return bool(chain) and chain[-1][0].names == names and (self._running or when < self.ends)
 
     @property
-    def _ends(self) -> float:
-        """When the plan ends."""
+    def ends(self) -> float:
+        """When the plan ends, seconds; there must be one."""
         last, started = self._chain[-1]
         return started + last.duration
 
@@ -394,7 +394,7 @@ class SetPointGenerator:
         limits = joint_limits(self.arm, names)
         for i in range(_PLACES):
             begins = due + i * _LATER
-            if begins >= self._ends:
+            if begins >= self.ends:
                 return None
             stop = brake(names, self.here(names, begins), limits)
             if not self._wrong(stop):
@@ -465,7 +465,7 @@ class SetPointGenerator:
         """Seconds until the trajectory ends; 0 if there is none."""
         if not self._running or self.mode is not Mode.TRAJECTORY:
             return 0.0
-        return max(0.0, self._ends - now)
+        return max(0.0, self.ends - now)
 
     def shift(self, seconds: float) -> None:
         """Move everything planned in time: the robot's clock drifts, or it started later."""
@@ -495,7 +495,7 @@ class SetPointGenerator:
         """
         chain, goes_on = self._chain, self._running and self.mode is Mode.TRAJECTORY
         if wanted and chain and self.mode is Mode.HOLD and not self._running and not self._braking:
-            goes_on = left < self._ends
+            goes_on = left < self.ends
         self._chain, self._running, self._braking = (), False, False
         self._command.update({name: rest[name] for name in rest if name in self._command})
         self._command_due = now
@@ -618,7 +618,7 @@ class SetPointGenerator:
             if self.mode is Mode.TRAJECTORY:
                 self.mode = Mode.HOLD
             if self.onboard:
-                self._busy_until = self._ends
+                self._busy_until = self.ends
         return self._send(positions, now, lead)
 
     def _fill_in(self, now: float) -> None:
@@ -631,11 +631,17 @@ class SetPointGenerator:
             self.guard.commanded(dict(zip(path.names, path.sample(due - began).position, strict=True)), due)
 
     def _slip(self, now: float, lead: float) -> None:
-        """After a stall the joints rest at the last command: they go on along the plan there. A brake is over."""
-        due = max(self._command_due, self._chain[0][1])
-        if now - due <= _STALL * lead:
+        """A late plan goes on where the last command led: after a stall from rest, and a brake is over."""
+        begins = self._chain[0][1]
+        due = max(self._command_due, begins)
+        late = now - due
+        if late <= (_LATE if begins < due else _STALL) * lead:
             return
         self.counters.slips += 1
+        if late <= _STALL * lead:
+            # To catch up, joints that move would have to be faster than planned.
+            self.shift(late)
+            return
         if self.braking:
             self._chain, self._running, self._braking = (), False, False
             return

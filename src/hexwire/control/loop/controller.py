@@ -501,17 +501,14 @@ class TrajectoryController:
     def cycle(self, state: JointState, now: float, lead: float) -> JointTarget | StopReason | None:
         """Run one cycle; see `SetPointGenerator.cycle`."""
         self._begin_pending(state, now)
-        slips = self.generator.counters.slips
+        followed = self.generator.mode is Mode.TRAJECTORY
         order = self.generator.cycle(state, now, lead)
         active = self._active
         if isinstance(order, StopReason):
             self.stop(order)
-        elif active is not None and self._pending is None:
-            # After a stall, the generator shifts the trajectory; the end shifts too.
-            if self.generator.mode is Mode.TRAJECTORY:
-                active.arrival.ends = now + self.generator.remaining(now)
-            elif self.generator.counters.slips > slips:
-                active.arrival.ends = now + lead
+        elif active is not None and self._pending is None and followed:
+            # When the loop is late, the generator shifts the trajectory; the end shifts too.
+            active.arrival.ends = self.generator.ends
         # A robot that executes trajectories itself is only watched.
         return order if self.generator.waits or isinstance(order, StopReason) else None
 

@@ -107,14 +107,16 @@ class SteppedWay:
         return self._path.sample(time - self._began)
 
     def next(self, now: float) -> JointTarget:
-        """The target of the next step. It lasts for longer than the step, but for the last one."""
-        self.over = now >= self.ends
-        return JointTarget.of(self.places(now), self.step if self.over else AHEAD * self.step)
+        """The target of the next step. It lasts for longer than the step, but for the last one.
 
-    def places(self, now: float) -> dict[str, float]:
-        """Where the next step leads, radians by joint."""
+        Where a step is later than the last target lasted, the joints rest there: the way goes on from it, and ends
+        later. To catch up, they would have to be faster than was asked for.
+        """
+        self._began += max(0.0, now - (self.told + (AHEAD - 1.0) * self.step))
+        self.over = now >= self.ends
         self.told = now + self.step
-        return dict(zip(self._path.names, self.at(self.told).position, strict=True))
+        places = zip(self._path.names, self.at(self.told).position, strict=True)
+        return JointTarget.of(dict(places), self.step if self.over else AHEAD * self.step)
 
     def brake(self, arm: ArmModel) -> bool:
         """Brake all joints after the last step; False where that would lead beyond the limits of one."""
