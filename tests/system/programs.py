@@ -15,7 +15,9 @@ import sys
 import termios
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Any
 
 HEXWIRE = [sys.executable, "-m", "hexwire.cli"]
 PATIENT_PLAYER = [sys.executable, "-m", "tests.system.patient_player"]
@@ -50,42 +52,41 @@ def hexwire(*words: str, env: dict[str, str] | None = None) -> subprocess.Comple
     )
 
 
-def start(*words: str) -> subprocess.Popen[str]:
-    """Start a command whose output is read through pipes."""
-    return subprocess.Popen(
-        [*HEXWIRE, *words],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=environment(),
-        start_new_session=True,
-    )
-
-
 @contextlib.contextmanager
-def hexwire_program(*words: object, program: Sequence[str] = HEXWIRE) -> Iterator[subprocess.Popen[str]]:
-    """`hexwire` with these words in a process of its own, which a failing test does not leave behind."""
-    with subprocess.Popen(
-        [*program, *map(str, words)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env=os.environ | {"PYTHONUNBUFFERED": "1"},
-    ) as started:
+def running(*command: str, **options: Any) -> Iterator[subprocess.Popen[str]]:
+    """A program whose output is read through pipes. It ends with the block, also where a test fails."""
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options) as program:
         try:
-            yield started
-        except BaseException:
-            started.kill()
-            raise
+            yield program
+        finally:
+            program.kill()
 
 
-def read_until(stream: object, text: str | re.Pattern[str]) -> str:
-    """Read lines of a pipe until one contains `text`, or a pattern is found; returns all of them."""
-    lines = ""
+def start(*words: str) -> AbstractContextManager[subprocess.Popen[str]]:
+    """`hexwire` with these words as a person starts it: without what steers it, in a session of its own."""
+    return running(*HEXWIRE, *words, stdin=subprocess.DEVNULL, env=environment(), start_new_session=True)
+
+
+def hexwire_program(
+    *words: object, program: Sequence[str] = HEXWIRE
+) -> AbstractContextManager[subprocess.Popen[str]]:
+    """`hexwire` with these words and all of this environment."""
+    return running(*program, *map(str, words), env=os.environ | {"PYTHONUNBUFFERED": "1"})
+
+
+def read_until(program: subprocess.Popen[str], text: str | re.Pattern[str], *, errors: bool = False) -> str:
+    """Read lines of a program's output until one contains `text`, or a pattern is found; returns all of them.
+
+    Args:
+        program: With pipes.
+        text: What is waited for.
+        errors: Read its standard error instead.
+    """
+    pipe, lines = program.stderr if errors else program.stdout, ""
+    assert pipe is not None
     while not (text in lines if isinstance(text, str) else text.search(lines)):
-        line = stream.readline()  # type: ignore[attr-defined]
-        assert line, f"ended before {text!r}: {lines!r}"
+        line = pipe.readline()
+        assert line, f"ended before {text!r}: {lines!r}, and then {program.communicate(timeout=PATIENCE)}"
         lines += line
     return lines
 
@@ -93,15 +94,12 @@ def read_until(stream: object, text: str | re.Pattern[str]) -> str:
 @contextlib.contextmanager
 def board(*options: str) -> Iterator[str]:
     """An emulated board on a pseudo-terminal; yields its path."""
-    process = start("sim", "board", *options)
-    try:
-        assert process.stdout is not None
-        path = process.stdout.readline().strip()
-        assert path, process.communicate()[1]
-        yield path
-    finally:
-        process.send_signal(signal.SIGTERM)
-        process.communicate(timeout=PATIENCE)
+    with start("sim", "board", *options) as process:
+        try:
+            yield read_until(process, "\n").strip()
+        finally:
+            process.send_signal(signal.SIGTERM)
+            process.communicate(timeout=PATIENCE)
 
 
 @contextlib.contextmanager

@@ -10,6 +10,7 @@ import stat
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -128,12 +129,10 @@ def test_no_permission_names_the_group() -> None:
 
 
 def test_a_port_in_use_names_the_program() -> None:
-    with plugged_in() as arm:
+    with plugged_in() as arm, start("state", "--watch", "--port", arm.path) as watcher:
         path = arm.path
-        watcher = start("state", "--watch", "--port", path)
         try:
-            assert watcher.stdout is not None
-            read_until(watcher.stdout, " deg")
+            read_until(watcher, " deg")
             text = fails(1, "ping", "--port", path)
         finally:
             watcher.send_signal(signal.SIGINT)
@@ -192,12 +191,13 @@ def test_an_invalid_rate_is_refused(rate: str) -> None:
 @pytest.mark.slow
 def test_unplugged_in_the_middle_of_a_move(tmp_path: Path) -> None:
     # A name of its own: the kernel soon gives a terminal's number to the next one.
-    with board("--link", str(tmp_path / "arm")) as path:
-        mover = start("move", "J4=80", "--duration", "30", "--wait", "--port", path)
-        assert mover.stdout is not None
-        read_until(mover.stdout, "moving to")
-    # The board has gone, and its terminal with it.
-    out, err = mover.communicate(timeout=60)
+    with ExitStack() as outer:
+        with board("--link", str(tmp_path / "arm")) as path:
+            words = ("move", "J4=80", "--duration", "30", "--wait", "--port", path)
+            mover = outer.enter_context(start(*words))
+            read_until(mover, "moving to")
+        # The board has gone, and its terminal with it.
+        out, err = mover.communicate(timeout=60)
     assert mover.returncode == 1
     assert "arrived" not in out
     lines = err.splitlines()
@@ -213,10 +213,8 @@ def test_unplugged_in_the_middle_of_a_move(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM])
 def test_interrupting_a_move_stops_the_arm(number: signal.Signals) -> None:
-    with plugged_in() as arm:
-        mover = start("move", "J4=80", "--duration", "20", "--wait", "--port", arm.path)
-        assert mover.stdout is not None
-        read_until(mover.stdout, "moving to")
+    with plugged_in() as arm, start("move", "J4=80", "--duration", "20", "--wait", "--port", arm.path) as mover:
+        read_until(mover, "moving to")
         mover.send_signal(number)
         _, err = mover.communicate(timeout=60)
         assert mover.returncode == 130
@@ -277,11 +275,10 @@ def test_a_board_has_a_name_that_stays_and_is_tidied_up(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_a_board_ends_on_a_signal(number: signal.Signals) -> None:
-    process = start("sim", "board")
-    assert process.stdout is not None
-    path = process.stdout.readline().strip()
-    process.send_signal(number)
-    _, err = process.communicate(timeout=60)
+    with start("sim", "board") as process:
+        path = read_until(process, "\n").strip()
+        process.send_signal(number)
+        _, err = process.communicate(timeout=60)
     assert process.returncode == 130
     assert err.strip() == ""
     assert not Path(path).exists() or gone(process.pid)

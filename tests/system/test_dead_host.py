@@ -211,7 +211,7 @@ def test_teleop_that_stalls_stays_stopped_when_it_continues_with_the_stick_pushe
         pushed_stick(channel) as pushed,
         suspended(arm, 80, "teleop", "--from", f"udp-listen://127.0.0.1:{channel}") as process,
     ):
-        read_until(process.stderr, "the board has stopped the arm: its watchdog tripped")
+        read_until(process, "the board has stopped the arm: its watchdog tripped", errors=True)
         known = time.monotonic()
         eventually(lambda: [when for when in pushed if when > known][1:])
         process.send_signal(signal.SIGINT)

@@ -119,13 +119,12 @@ def test_a_missing_servo_ends_it() -> None:
     ],
 )
 def test_it_leaves_no_process(number: signal.Signals) -> None:
-    demo = start("demo", "--duration", "30")
-    assert demo.stdout is not None
-    read_until(demo.stdout, LATER)
-    children = children_of(demo.pid)
-    assert children
-    demo.send_signal(number)
-    _, err = demo.communicate(timeout=PATIENCE)
+    with start("demo", "--duration", "30") as demo:
+        read_until(demo, LATER)
+        children = children_of(demo.pid)
+        assert children
+        demo.send_signal(number)
+        _, err = demo.communicate(timeout=PATIENCE)
     assert demo.returncode == (-signal.SIGKILL if number == signal.SIGKILL else 130)
     assert err.strip() == ("" if number == signal.SIGKILL else "torque off: all joints")
     assert all(gone(child) for child in children)
@@ -149,12 +148,13 @@ def test_ctrl_c_on_a_terminal_leaves_no_process_and_a_usable_terminal() -> None:
 @pytest.mark.parametrize("number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)])
 def test_an_interrupted_demo_leaves_no_torque(number: signal.Signals, dialect: int) -> None:
     # Unpaced: reading back the registers of dialect 1 takes seconds at its rate.
-    with Plug(make_hex7bot_board(dialect=dialect, baud=0, start=time.monotonic())) as arm:
+    with (
+        Plug(make_hex7bot_board(dialect=dialect, baud=0, start=time.monotonic())) as arm,
+        start("demo", "--port", arm.path, "--yes-move-the-arm", "--duration", "30") as demo,
+    ):
         path = arm.path
-        demo = start("demo", "--port", path, "--yes-move-the-arm", "--duration", "30")
-        assert demo.stdout is not None
-        read_until(demo.stdout, "torque on")
-        read_until(demo.stdout, " s: ")
+        read_until(demo, "torque on")
+        read_until(demo, " s: ")
         demo.send_signal(number)
         _, err = demo.communicate(timeout=PATIENCE)
         assert demo.returncode == 130
@@ -170,20 +170,16 @@ def test_an_interrupted_demo_leaves_no_torque(number: signal.Signals, dialect: i
 
 @pytest.mark.slow
 def test_a_killed_demo_leaves_no_torque_either() -> None:
-    with Plug(make_hex7bot_board(start=time.monotonic())) as arm:
+    with (
+        Plug(make_hex7bot_board(start=time.monotonic())) as arm,
+        start("demo", "--port", arm.path, "--yes-move-the-arm", "--duration", "30") as demo,
+    ):
         path = arm.path
-        demo = start("demo", "--port", path, "--yes-move-the-arm", "--duration", "30")
-        assert demo.stdout is not None
-        read_until(demo.stdout, "torque on")
-        assert any(torque_while_running(demo.stdout))
+        read_until(demo, "torque on")
+        read_until(demo, LATER)
         demo.kill()
         demo.communicate(timeout=PATIENCE)
         # The board's own watchdog acts after a second without us; asking it any earlier would feed it.
         eventually(lambda: arm.board.state.watchdog_tripped)
         assert state(path)["watchdog_tripped"] is True
         assert not any(torque(path))
-
-
-def torque_while_running(stream: object) -> list[bool]:
-    """The demo is moving: wait for its line of the first second."""
-    return [LATER.search(read_until(stream, LATER)) is not None]
