@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 import zenoh
+from tests.ros2.strict_client.action import goal, point
 from tests.ros2.strict_client.wire import ROSOUT, Attachment, Participant
 from tests.ros2.strict_client.world import CONTROLLER, NODE, Arm
 from tests.waits import until
@@ -110,8 +111,10 @@ def test_a_fresh_session_is_answered_if_it_asks_again(arm: Arm) -> None:
 @pytest.mark.slow
 def test_a_log_message_says_where_it_was_written(arm: Arm) -> None:
     log = arm.me.subscribe("/rosout", "rcl_interfaces/msg/Log", ROSOUT)
-    message = log.wait(lambda each: "is ready at" in each.msg).message
-    assert message.level == 20
+    # Those from before are kept for ten seconds only.
+    arm.send(goal(["nobody"], [point([0.0], 1.0)])).reply.message()
+    message = log.wait(lambda each: "nobody" in each.msg).message
+    assert message.level == 30
     assert message.name == NODE[1:]
     assert message.file.endswith(".py")
     assert message.function
