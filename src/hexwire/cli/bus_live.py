@@ -357,8 +357,18 @@ def _any_key() -> Iterator[Callable[[], bool]]:
 
 @click.command()
 @click.argument("ids")
-@click.option("-n", "--count", type=click.IntRange(min=1), default=1000, show_default=True, metavar="N")
-@click.option("--register", "name", default="present_position", show_default=True, metavar="REGISTER")
+@click.option(
+    "-n",
+    "--count",
+    type=click.IntRange(min=1),
+    default=1000,
+    show_default=True,
+    metavar="N",
+    help="How often all of them are read.",
+)
+@click.option(
+    "--register", "name", default="present_position", show_default=True, metavar="REGISTER", help="What is read."
+)
 @bus_options
 @json_option
 def stress(ids: str, count: int, name: str, options: BusOptions) -> None:

@@ -169,7 +169,14 @@ _RESULTS: RowType[LoopbackResult] = RowType(
     metavar="N",
     help="Test only this rate; repeatable.",
 )
-@click.option("--bytes", "count", type=click.IntRange(64, 10_000_000), default=2048, show_default=True)
+@click.option(
+    "--bytes",
+    "count",
+    type=click.IntRange(64, 10_000_000),
+    default=2048,
+    show_default=True,
+    help="How many to send at each rate.",
+)
 @json_option
 def loopback(port: str | None, rates: tuple[int, ...], count: int) -> None:
     """Test a cable and adapter: connect TX to RX, and every byte must come back.
