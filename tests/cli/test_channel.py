@@ -48,6 +48,16 @@ def test_stop_and_resume_all(gateway: Running) -> None:
         "module 9: stopped, limp: J1 J2 J3 J4 J5 J6 J7",
     ]
     assert gateway.boards.stopped() == [True, True]
+    names = [f"J{i}" for i in range(1, 8)]
+    assert json.loads(run("stop", "--all", "--json", "--port", gateway.url).stdout) == {
+        "did": "stopped",
+        "confirmed": {"8": names, "9": names},
+        "does": {
+            "8": {"holding": ["J2"], "limp": [name for name in names if name != "J2"], "unknown": []},
+            "9": {"holding": [], "limp": names, "unknown": []},
+        },
+        "silent": [],
+    }
     assert "stopped" in run("probe", "--all", "--port", gateway.url).stdout
     result = run("resume", "--all", "--json", "--port", gateway.url)
     assert json.loads(result.stdout) == {"resumed": [8, 9], "silent": []}

@@ -7,6 +7,7 @@ import json
 import shlex
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
@@ -148,6 +149,25 @@ def test_a_wheel_builds_from_given_sources_only(ports: Ports, wheel: Path) -> No
         "flash", "--port", "/dev/ttyACM7", "--dry-run", "--source", str(Path(__file__).parents[2] / "firmware")
     )
     assert "build tools are missing" in given.stderr
+
+
+def test_info_says_what_the_board_runs_and_what_is_here(bench: Any) -> None:
+    board, _, here = bench.ok("firmware", "info").splitlines()
+    assert board.startswith(f"version {VERSION}, boot id ")
+    assert here == f"sources {VERSION} (the same)"
+
+
+@pytest.mark.usefixtures("wheel")
+def test_info_in_a_wheel_names_the_firmware_that_it_brings_or_is_given(bench: Any, tmp_path: Path) -> None:
+    assert bench.ok("firmware", "info").splitlines()[-1] == "in this package 7.8.9"
+    assert bench.json("firmware", "info")["sources"] == "7.8.9"
+    sources = tmp_path / "sources"
+    (sources / "core").mkdir(parents=True)
+    (sources / "Makefile").touch()
+    (sources / "core/generated.h").write_text("VERSION_MAJOR = 1;\nVERSION_MINOR = 2;\nVERSION_PATCH = 3;\n")
+    assert bench.ok("firmware", "info", "--source", str(sources)).splitlines()[-1] == "sources 1.2.3"
+    (tmp_path / "firmware.json").unlink()
+    assert bench.ok("firmware", "info").splitlines()[-1].startswith("supports ")
 
 
 def test_no_such_image(ports: Ports, tmp_path: Path) -> None:

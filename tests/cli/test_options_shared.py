@@ -151,3 +151,8 @@ def test_a_table_is_aligned_numbers_to_the_right() -> None:
     assert output.format_table(("joint", "deg", "condition"), rows) == (
         "joint    deg  condition\nJ1      -4.5  ok\nJ10    123.0  -\nJ2         -  hot"
     )
+
+
+def test_versions_are_words_not_numbers() -> None:
+    lines = output.format_table(("id", "firmware"), [("1", "3.9.10"), ("2", "1.0")]).split("\n")
+    assert lines == ["id  firmware", " 1  3.9.10", " 2  1.0"]

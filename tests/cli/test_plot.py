@@ -58,6 +58,19 @@ def test_the_tip_is_seen_from_above_and_from_the_side(tmp_path: Path, figures: l
     }
 
 
+@pytest.mark.parametrize("planned", [True, False])
+def test_a_circle_is_where_the_tip_starts(tmp_path: Path, figures: list[Any], planned: bool) -> None:
+    plot = MotionPlot(("J1",))
+    plot.measured = [(0.0, (0.0,)), (1.0, (1.0,))]
+    plot.measured_path = [(0.12, 0.2, 0.3), (0.2, 0.3, 0.4)]
+    if planned:
+        plot.path = [(0.1, 0.2, 0.3), (0.2, 0.3, 0.4)]
+    plot.draw(open_picture(str(tmp_path / "a.png"), force=False))
+    above, side = (next(line for line in axes.lines if line.get_marker() == "o") for axes in figures[0].axes[1:])
+    assert list(above.get_xydata()[0]) == pytest.approx([100.0 if planned else 120.0, 200.0])
+    assert list(side.get_xydata()[0]) == pytest.approx([200.0, 300.0])
+
+
 def test_without_a_path_there_are_no_empty_axes(tmp_path: Path, figures: list[Any]) -> None:
     plot = MotionPlot(("J1",))
     plot.planned = [(0.0, (0.0,)), (1.0, (1.0,))]
