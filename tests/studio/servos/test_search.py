@@ -2,6 +2,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+import pytest
+
+from hexwire.bus.values import Reading
 from hexwire.studio.servos.search import servos_of
 
 if TYPE_CHECKING:
@@ -39,10 +42,34 @@ def test_an_empty_list_says_what_to_do(page: Page, view: Any) -> None:
     assert "Take control, then search" in listed(page, view, None)
 
 
+@pytest.mark.parametrize(
+    ("lost", "told"),
+    [
+        ({"min_voltage"}, "7.4 V"),
+        ({"max_voltage"}, "not reported"),
+        ({"min_voltage", "max_voltage"}, "not reported"),
+    ],
+)
+def test_a_limit_that_was_not_read_is_not_made_up(
+    view: Any, monkeypatch: pytest.MonkeyPatch, lost: set[str], told: str
+) -> None:
+    bus = view.bus.bus
+    read = bus.read
+
+    def silent(servo_id: int, name: str) -> Reading:
+        reading: Reading = read(servo_id, name)
+        return reading._replace(raw=None) if name in lost else reading
+
+    monkeypatch.setattr(bus, "read", silent)
+    view.bus.search((), (1,))
+    (servo,) = servos_of(view)["servos"]
+    assert dict(servo["facts"])["Voltage class"] == told
+
+
 def test_what_a_servo_is_is_told_in_words(view: Any) -> None:
     told = servos_of(view)
     assert [one["id"] for one in told["servos"]] == [1, 2, 3, 4, 5, 6]
     facts = dict(told["servos"][0]["facts"])
     assert facts["Rate"] == "1000000 baud"
-    assert "its limits" in facts["Voltage class"]
+    assert facts["Voltage class"] == "7.4 V (its limits: 4.0 to 8.0 V)"
     assert told["rates"][0] == (0, "1000000 baud (now)")

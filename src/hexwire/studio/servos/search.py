@@ -115,10 +115,11 @@ def servos_of(asked: Asked) -> dict[str, Any]:
 def _servo(asked: Asked, row: Surveyed) -> dict[str, Any]:
     found, info = row.found, row.found.info
     firmware = info.firmware if info is not None else ""
-    limits = ""
-    if "max_voltage" in row.settings:
-        low, high = row.settings.get("min_voltage", 0.0), row.settings["max_voltage"]
-        limits = f"{row.kind or 'unknown'} (its limits: {low:.1f} to {high:.1f} V)"
+    supply = row.kind
+    # A setting whose read was not answered is not among them.
+    if row.settings.keys() >= {"min_voltage", "max_voltage"}:
+        low, high = row.settings["min_voltage"], row.settings["max_voltage"]
+        supply = f"{row.kind or 'unknown'} (its limits: {low:.1f} to {high:.1f} V)"
     facts = (
         []
         if info is None
@@ -126,7 +127,7 @@ def _servo(asked: Asked, row: Surveyed) -> dict[str, Any]:
             ("Model", info.model_name or "not reported"),
             ("Series", info.series.title if info.series else "unknown"),
             ("Firmware", firmware or "not reported"),
-            ("Voltage class", limits or "not reported"),
+            ("Voltage class", supply or "not reported"),
             ("Rate", f"{found.baud} baud"),
             ("Answers writes", "yes" if info.acknowledges else "no"),
         ]
