@@ -89,6 +89,29 @@ def test_a_search_at_all_rates_and_work_at_another_rate(bus: BusSource) -> None:
     until(lambda: set(bus.live) == {6} and not bus.live[6].error, "values at that rate")
 
 
+@pytest.mark.parametrize("elsewhere", [(), (1,), (6,)])
+def test_a_search_keeps_the_rate_at_which_there_are_servos(bus: BusSource, elsewhere: tuple[int, ...]) -> None:
+    for servo_id in elsewhere:
+        servos(bus)[servo_id].registers.put_stored("baud_code", 4)
+    # Those at the other rate are found first.
+    bus.search((115_200, 1_000_000), range(1, 7))
+    assert bus.bus.timing.baud == 1_000_000
+    assert set(bus.bench.servo_ids) == set(IDS) - set(elsewhere)
+
+
+def test_a_search_goes_to_the_rate_of_servos_that_are_all_elsewhere(bus: BusSource) -> None:
+    for servo in servos(bus).values():
+        servo.registers.put_stored("baud_code", 4)
+    bus.search((1_000_000, 115_200), range(1, 7))
+    assert bus.bus.timing.baud == 115_200
+    assert bus.bench.servo_ids == tuple(IDS)
+
+
+def test_a_search_that_finds_nothing_keeps_the_rate(bus: BusSource) -> None:
+    assert bus.search((115_200,), (9,)) == []
+    assert bus.bus.timing.baud == 1_000_000
+
+
 def test_a_search_counts_all_that_it_has_found(bus: BusSource, monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[str] = []
     monkeypatch.setattr(Job, "tell", lambda _self, text, _share=None: told.append(text))
