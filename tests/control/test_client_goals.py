@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from tests.control.arm_bench import SPLIT, Bench
 from tests.motion.arms import HOME, NAMES
-from tests.waits import eventually
+from tests.waits import PATIENCE, eventually
 
 from hexwire.control.loop.outcomes import Ended, Outcome, Reason
 from hexwire.control.motion.goals import Component, ComponentTolerance, Point, TrajectoryGoal
@@ -319,7 +319,7 @@ def test_answers_keep_their_order_and_are_given_before_the_end(goals: Goals) -> 
     told: list[int] = []
     for i in range(20):
         goals.send({"J1": math.nan}, key=str(i), client=Client(lambda i=i: told.append(i)))  # type: ignore[misc]
-    goals.goals.close(10.0)
+    goals.goals.close(PATIENCE)
     assert told == list(range(20))
     assert not goals.goals.open
 

@@ -10,7 +10,7 @@ import math
 import threading
 import time
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from types import SimpleNamespace
 from typing import Any
@@ -213,8 +213,17 @@ class Front(Bench):
 
     def checked(self) -> None:
         """Wait until all trajectories that have come are checked."""
+        self._reached(self.front._trajectories.put)
+
+    def told(self) -> None:
+        """Wait until clients have been told of all ends of goals so far: their thread needs real time."""
+        self._reached(self.front._goals._work.put)
+
+    @staticmethod
+    def _reached(put: Callable[[Callable[[], object]], object]) -> None:
+        """Wait until a thread has done what waits for it."""
         done = threading.Event()
-        self.front._trajectories.put(done.set)
+        put(done.set)
         assert done.wait(30.0)
 
     @property
@@ -256,7 +265,12 @@ class Goal:
     def result(self) -> tuple[int, int, str]:
         """Status, error code and text, once it has ended; time passes until then."""
         call = self._front.node.call(f"{self._at}/get_result", goal_id=self.id)
-        self._front.until(lambda: call.response is not None)
+
+        def answered() -> bool:
+            self._front.told()
+            return call.response is not None
+
+        self._front.until(answered)
         answer = call.response
         return answer.status, answer.result.error_code, answer.result.error_string
 
