@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from tests.waits import PATIENCE, eventually
 
 from hexwire.control.loop import owner as module
 from hexwire.control.loop.owner import QueuedCalls
@@ -42,12 +43,7 @@ class Caller:
 
 def waiting(jobs: QueuedCalls, count: int = 1) -> None:
     """Until so many calls wait."""
-    tick = threading.Event()
-    for _ in range(10_000):
-        if len(jobs._waiting) >= count:
-            return
-        tick.wait(0.001)
-    raise AssertionError("nobody calls")
+    eventually(lambda: len(jobs._waiting) >= count)
 
 
 def raising(error: BaseException) -> Callable[[], Any]:
@@ -126,10 +122,16 @@ def test_a_caller_waits_ten_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     assert waited == [10.0]
 
 
-@pytest.mark.slow
-def test_a_job_that_is_being_done_is_waited_for_once_more() -> None:
-    jobs = QueuedCalls(timeout=1.0)
+def test_a_job_that_is_being_done_is_waited_for_once_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    jobs, waited = QueuedCalls(), list[float]()
     begun, go_on = threading.Event(), threading.Event()
+
+    def until_begun(futures: object, timeout: float) -> None:
+        """Its time is over when the job has begun."""
+        waited.append(timeout)
+        assert begun.wait(PATIENCE)
+
+    monkeypatch.setattr(module, "wait", until_begun)
 
     def job() -> int:
         begun.set()
@@ -143,7 +145,8 @@ def test_a_job_that_is_being_done_is_waited_for_once_more() -> None:
     assert begun.wait(30.0)
     caller.join()
     assert isinstance(caller.error, DeviceError), "not a TimeoutError of the library's, which nobody catches"
-    assert str(caller.error) == "the robot has not finished within 1 s"
+    assert str(caller.error) == "the robot has not finished within 10 s"
+    assert waited == [10.0, 10.0]
     go_on.set()
     owner.join(30.0)
     assert not owner.is_alive()

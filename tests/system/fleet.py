@@ -107,7 +107,6 @@ def run_fleet(
     seconds: float,
     *,
     rate: float = 50.0,
-    paced: bool = True,
     tick: Callable[[float], None] = lambda _: None,
     clock: Callable[[], float] = time.monotonic,
 ) -> tuple[list[Arm], float, float]:
@@ -117,7 +116,6 @@ def run_fleet(
         count: Arms.
         seconds: How long.
         rate: Cycles a second of each arm.
-        paced: Keep to real time; without it the cycles follow each other at once.
         tick: Called with the time at each cycle.
         clock: Seconds of all parts.
 
@@ -134,7 +132,7 @@ def run_fleet(
             for arm in arms:
                 arm.cycle(i * period, period)
             left = began + (i + 1) * period - clock()
-            if paced and left > 0:
+            if left > 0:
                 _sleep(clock)(left)
         return arms, time.process_time() - cpu, cycles / (clock() - began)
     finally:

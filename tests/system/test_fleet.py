@@ -11,7 +11,7 @@ from hexwire.emulator.serve import FakeClock
 @pytest.mark.slow
 @pytest.mark.system
 def test_fifty_arms_in_one_process() -> None:
-    arms, _, _ = run_fleet(50, 1.0, rate=50.0, paced=False)
+    arms, _, _ = run_fleet(50, 1.0, rate=50.0, clock=FakeClock(1000.0))
     assert [arm.cycles for arm in arms] == [50] * 50
     for arm in arms:
         counters = arm.driver.host_counters()
