@@ -4,27 +4,57 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from contextlib import suppress
 
 import pytest
 from click.testing import CliRunner, Result
+from tests.cli.shared_arm import patient_line
 from tests.drivers.puma_server import served_puma
 from tests.gateway.tcp_boards import Running, tcp_boards, wait
+from tests.waits import until
 
+from hexwire.cli import channel
 from hexwire.cli.main import cli
 from hexwire.drivers import registry
+from hexwire.errors import ReplyTimeoutError
+from hexwire.ipc.session import Session
 from hexwire.link.listener import Listener
+from hexwire.session.events import Answers
 
 
 def run(*words: str) -> Result:
     return CliRunner().invoke(cli, list(words))
 
 
+def let_all_answer(patch: pytest.MonkeyPatch, count: int) -> None:
+    """Wait for so many boards: a busy machine lets them be silent for longer than a command waits."""
+    find = channel._find
+
+    def look(session: Session) -> Answers | None:
+        with suppress(ReplyTimeoutError):
+            found = find(session)
+            if len(found.replies) == count:
+                return found
+        return None
+
+    patch.setattr(channel, "_find", lambda session: until(lambda: look(session), f"{count} boards are found"))
+    patch.setattr(channel, "_STOP_WINDOW", 5.0)
+    patient_line(patch, window=5.0)
+
+
 @pytest.fixture(scope="module")
-def gateway() -> Iterator[Running]:
+def two_boards() -> Iterator[Running]:
     with tcp_boards(2) as boards:
         running = Running(boards)
         yield running
         running.end()
+
+
+@pytest.fixture
+def gateway(two_boards: Running, monkeypatch: pytest.MonkeyPatch) -> Running:
+    """A gateway to two boards, neither of which is ever silent."""
+    let_all_answer(monkeypatch, 2)
+    return two_boards
 
 
 @pytest.mark.system
@@ -90,8 +120,9 @@ def test_a_joint_that_does_not_confirm_is_an_error(gateway: Running) -> None:
 
 @pytest.mark.slow
 @pytest.mark.system
-def test_boards_that_cannot_be_reached_are_named_by_each_command() -> None:
+def test_boards_that_cannot_be_reached_are_named_by_each_command(monkeypatch: pytest.MonkeyPatch) -> None:
     """Lost by the gateway before the command begins, connected but silent, and all of them."""
+    patient_line(monkeypatch)
     with tcp_boards(3) as boards:
         running = Running(boards)
         try:
@@ -135,7 +166,8 @@ def test_nobody_answers() -> None:
 
 
 @pytest.mark.system
-def test_a_board_without_a_gateway_is_a_channel_too() -> None:
+def test_a_board_without_a_gateway_is_a_channel_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    let_all_answer(monkeypatch, 1)
     with tcp_boards(1) as boards:
         boards.boards[0].connection.local = 12
         result = run("probe", "--all", "--port", boards.urls[0])

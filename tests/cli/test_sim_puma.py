@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from tests.cli.shared_arm import patient, patient_line
 
 from hexwire.cli.main import cli
 from hexwire.link.certs import issue_certificate, make_authority
@@ -18,6 +19,13 @@ from hexwire.link.certs import issue_certificate, make_authority
 
 def run(*words: str) -> Result:
     return CliRunner().invoke(cli, list(words))
+
+
+@pytest.fixture(autouse=True)
+def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Longer times: the robot is a process of its own, which may get no processor for a while."""
+    patient(monkeypatch)
+    patient_line(monkeypatch, window=5.0)
 
 
 @pytest.fixture(scope="module")
