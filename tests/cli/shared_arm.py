@@ -88,8 +88,12 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def patient_line(monkeypatch: pytest.MonkeyPatch, window: float = 1.0) -> None:
-    """Longer times for answers, seconds: the board's thread may get no processor for a while."""
-    default(monkeypatch, RetryPolicy, window=window, dialect1_window=window)
+    """Longer times for answers, seconds: the board's thread may get no processor for a while.
+
+    While a command finds out with whom it speaks, it may wait so long for an answer of dialect 1, which does not
+    come: so that it asks for dialect 2 again, this is at most a second.
+    """
+    default(monkeypatch, RetryPolicy, window=window, dialect1_window=min(window, 1.0))
 
 
 def run(*words: str, port: str = ARM) -> Result:
