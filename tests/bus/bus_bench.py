@@ -11,6 +11,7 @@ from hexwire.emulator.serve import BoardLink
 from hexwire.emulator.servo import EmulatedServo
 from hexwire.model.calibration import JointCalibration
 from hexwire.wire.registers import Series
+from hexwire.wire.servo_packet import Instruction, ServoPacket
 
 
 class BusLink(BoardLink):
@@ -55,6 +56,17 @@ def exchange_by(bus: ServoBus, exchange: Callable[..., bytes]) -> None:
     line.exchange = exchange
     line.ask = sent.append
     line.collect = lambda window, rest=None: exchange(sent.pop(), window, rest)
+
+
+def lose_reads(servo: EmulatedServo, name: str) -> None:
+    """Let every read of one register be lost."""
+    receive, address = servo.receive, servo.series.register(name).address
+
+    def deaf(packet: ServoPacket, now: float) -> bytes | None:
+        lost = packet.instruction == Instruction.READ and packet.params[0] == address
+        return None if lost else receive(packet, now)
+
+    servo.receive = deaf  # type: ignore[method-assign]
 
 
 def put_calibration(servo: EmulatedServo, row: JointCalibration) -> None:

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from tests.bus.bus_bench import make_bus
+from tests.bus.bus_bench import lose_reads, make_bus
 
 from hexwire.bus.health import Rank, check_health, judge_health
 from hexwire.emulator.faults import FaultPlan
@@ -29,6 +29,14 @@ def test_every_fault_is_found() -> None:
     ids, topic, text = worst("silent:6:0.2")[0]
     assert (ids, topic) == ((6,), "cabling")
     assert "of the answers are lost" in text
+
+
+def test_a_hot_servo_is_found_though_its_limit_was_not_read() -> None:
+    bus, device = make_bus((1,), faults=FaultPlan(["hot:1"]))
+    lose_reads(device.wire[1], "max_temperature")
+    bus.pause(0.1)
+    found = judge_health(check_health(bus, (1,), reads=20))
+    assert (Rank.BAD, "85 deg C, its limit is 70") in [(row.rank, row.text) for row in found]
 
 
 def test_servos_of_every_series_and_nobody() -> None:

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from tests.bus.bus_bench import make_bus
+from tests.bus.bus_bench import lose_reads, make_bus
 
 from hexwire.drivers.bus_arm import probe_joint
 from hexwire.emulator.faults import FaultPlan
@@ -36,6 +36,13 @@ def test_an_offset_that_is_not_the_calibrated_one() -> None:
     calibration = Calibration("arm", "", (JointCalibration("a", 1, 2000, 1500, 2600, 1, 77),))
     note = probe_joint(bus, joint("sts_sms"), calibration).note
     assert note == "its offset is 0 but was 77 at calibration: calibrate again"
+
+
+def test_an_offset_that_was_not_read_is_not_another_one() -> None:
+    bus, device = make_bus((1,))
+    lose_reads(device.wire[1], "position_offset")
+    calibration = Calibration("arm", "", (JointCalibration("a", 1, 2000, 1500, 2600, 1, 77),))
+    assert probe_joint(bus, joint("sts_sms"), calibration).note == ""
 
 
 def test_a_legacy_servo_tells_no_ratings() -> None:

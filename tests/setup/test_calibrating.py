@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any
 
 import pytest
+from tests.bus.bus_bench import lose_reads
 from tests.control.so_bench import NAMES, SoBench
 from tests.defaults import default
 from tests.few import few
@@ -338,6 +339,23 @@ def test_nothing_is_stored_while_a_servo_has_torque_or_is_silent() -> None:
         silence("gripper")(parts)
         with pytest.raises(ServoError, match=r"gripper .* does not answer"):
             store(bus, rows())
+    assert [one.registers.stored("position_offset") for one in parts.arm.servos] == [0] * 6
+
+
+def test_nothing_is_stored_in_a_servo_that_does_not_say_whether_it_has_torque() -> None:
+    parts = SoBench()
+    one, _, three, *_ = parts.arm.servos
+    receive = one.receive
+
+    def receive_and_lose(packet: ServoPacket, now: float) -> bytes | None:
+        if packet.instruction == Instruction.WRITE and packet.params[0] == 31:
+            lose_reads(three, "torque_enable")
+        return receive(packet, now)
+
+    one.receive = receive_and_lose  # type: ignore[method-assign]
+    said = "servo 3 does not answer; all servos have their old values again"
+    with parts.attached() as bench, pytest.raises(ServoError, match=said):
+        store(bench.arm.bus, rows())
     assert [one.registers.stored("position_offset") for one in parts.arm.servos] == [0] * 6
 
 

@@ -7,7 +7,7 @@ from itertools import pairwise, product
 from typing import Any
 
 import pytest
-from tests.bus.bus_bench import make_bus
+from tests.bus.bus_bench import lose_reads, make_bus
 from tests.few import few
 
 from hexwire.bus.servo_bus import ServoBus
@@ -178,6 +178,14 @@ def test_a_wave_that_would_leave_the_limits_is_refused_and_so_is_a_turning_servo
     bench.servo.registers.put("min_position_limit", 0)
     bench.servo.registers.put("mode", 1)
     with pytest.raises(UsageError, match="not in position mode"):
+        one_servo(bench.bus, 2, TEN)
+
+
+@pytest.mark.parametrize("name", ["mode", "min_position_limit", "max_position_limit"])
+def test_a_servo_whose_mode_or_limits_were_not_read_is_not_moved(name: str) -> None:
+    bench = Bench()
+    lose_reads(bench.servo, name)
+    with pytest.raises(ServoError, match="servo 2 does not answer"):
         one_servo(bench.bus, 2, TEN)
 
 

@@ -359,8 +359,8 @@ def check_health(
     torque: dict[int, bool | None] = {}
     for servo_id in here:
         registers = bus.series_of(servo_id).registers
-        if "max_temperature" in registers:
-            settings[servo_id]["max_temperature"] = bus.read(servo_id, "max_temperature").value
+        if "max_temperature" in registers and (limit := bus.read(servo_id, "max_temperature")).raw is not None:
+            settings[servo_id]["max_temperature"] = limit.value
         on = bus.read(servo_id, "torque_enable").raw if "torque_enable" in registers else None
         torque[servo_id] = None if on is None else bool(on)
     live: dict[int, list[LiveValues]] = {servo_id: [] for servo_id in here}

@@ -396,7 +396,7 @@ def _at_odds(bus: ServoBus, joint: JointModel, calibration: Calibration | None) 
     for row in () if calibration is None else calibration.joints:
         if row.name == joint.name and row.servo_offset is not None:
             now = bus.read(joint.servo_id, "position_offset").raw
-            if now != row.servo_offset:
+            if now is not None and now != row.servo_offset:
                 return [f"its offset is {now} but was {row.servo_offset} at calibration: calibrate again"]
     return []
 

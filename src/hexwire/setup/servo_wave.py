@@ -166,15 +166,24 @@ def own_limits(bus: ServoBus, servo_id: int) -> tuple[int, int] | None:
 
     Raises:
         UsageError: It does not control its position.
+        ServoError: It does not answer.
     """
     registers = bus.series_of(servo_id).registers
-    if "mode" in registers and (mode := bus.read(servo_id, "mode").raw):
+    if "mode" in registers and (mode := _setting(bus, servo_id, "mode")):
         raise UsageError(f"servo {servo_id} is in mode {mode}, not in position mode (0): a goal would not stop it")
     for name in ("min_position_limit", "min_angle_limit"):
         if name in registers:
-            least, most = bus.read(servo_id, name).raw, bus.read(servo_id, name.replace("min", "max")).raw
-            return (least, most) if least is not None and most is not None and most > least else None
+            least, most = _setting(bus, servo_id, name), _setting(bus, servo_id, name.replace("min", "max"))
+            return (least, most) if most > least else None
     return None
+
+
+def _setting(bus: ServoBus, servo_id: int, name: str) -> int:
+    """What a servo has stored; whether it has a fault is left to whoever looks where it stands."""
+    raw = bus.read(servo_id, name).raw
+    if raw is None:
+        raise ServoError(f"servo {servo_id} does not answer", servo_id=servo_id)
+    return raw
 
 
 def one_servo(bus: ServoBus, servo_id: int, amplitude: float) -> BusArm:
