@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["MotionPlot", "TimePlot", "drawing", "label_axes", "open_picture", "place_legend", "save_figure"]
+__all__ = ["MotionPlot", "TimePlot", "drawing", "label_axes", "open_picture", "save_figure"]
 
 FORMATS = (".png", ".svg", ".pdf")
 _TEXT = "#1d232b"
@@ -103,13 +103,6 @@ def label_axes(axes: Axes, x: str, y: str) -> None:
     axes.set_xlabel(x)
     axes.set_ylabel(y)
     axes.set_axisbelow(True)
-
-
-def place_legend(figure: Figure, axes: Axes, columns: int = 1) -> None:
-    """Write the legend of some axes beside all axes, where it covers no data."""
-    handles, labels = axes.get_legend_handles_labels()
-    if handles:
-        figure.legend(handles, labels, loc="outside right upper", ncols=columns)
 
 
 @dataclass
@@ -195,7 +188,10 @@ class MotionPlot:
             grid = figure.add_gridspec(2, 2, width_ratios=(3, 2)) if views else figure.add_gridspec(1, 1)
             joints = figure.add_subplot(grid[:, 0])
             self._draw_joints(joints)
-            place_legend(figure, joints)
+            handles, labels = joints.get_legend_handles_labels()
+            if handles:
+                # Beside all axes, where it covers no data.
+                figure.legend(handles, labels, loc="outside right upper")
             if views:
                 self._draw_view(figure.add_subplot(grid[0, 1]), 0, 1, "tip from above", "x, mm", "y, mm")
                 self._draw_view(figure.add_subplot(grid[1, 1]), 1, 2, "tip from the side", "y, mm", "z, mm")
