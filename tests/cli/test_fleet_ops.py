@@ -8,6 +8,7 @@ import signal
 import socket
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -225,6 +226,22 @@ def shown(monkeypatch: pytest.MonkeyPatch, *steps: list[Overview]) -> list[str]:
     for step in steps:
         table(step)
     return pages
+
+
+def test_without_a_terminal_there_is_a_line_for_each_change(capsys: pytest.CaptureFixture[str]) -> None:
+    ok = Overview("lab/arm1", "hex7bot", "pc", "", "on", False, "", 0.004, False, True)
+    held = replace(ok, holder="Ann")
+    show = fleet_ops._ChangeLines("lab/*", None)
+    for rows in ([], [], [ok], [ok], [held], []):
+        show(rows)
+    nobody, *lines = (line.partition("  ")[2] for line in capsys.readouterr().out.splitlines())
+    assert nobody.startswith("no arm is served on this machine by this user")
+    assert nobody.endswith(" under the name lab/*; waiting")
+    assert lines == [
+        "lab/arm1: hex7bot at pc, torque on, ok",
+        "lab/arm1: hex7bot at pc, torque on, Ann holds the lease, ok",
+        "lab/arm1: gone",
+    ]
 
 
 def test_the_table_on_a_terminal_names_those_that_are_gone(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,6 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 from tests.gateway.tcp_boards import LONG, TcpBoards, tcp_boards
 
+from hexwire.cli.channel import _listener
 from hexwire.cli.main import cli
 from hexwire.errors import HexwireError
 from hexwire.ipc.session import Session
@@ -119,6 +120,16 @@ def test_wrong_arguments(words: tuple[str, ...], why: str) -> None:
     result = run("gateway", *words)
     assert result.exit_code == 2
     assert why in result.stderr
+
+
+@pytest.mark.parametrize("scheme", ["tcp", "tcps"])
+@pytest.mark.parametrize(
+    ("address", "bound"),
+    [("0.0.0.0:15031", "0.0.0.0:15031"), (":15032", "127.0.0.1:15032"), ("[::1]:15033", "[::1]:15033")],
+)
+def test_it_listens_where_it_was_told_to(scheme: str, address: str, bound: str) -> None:
+    files = "?ca=ca.pem&cert=arm.pem&key=arm.key" if scheme == "tcps" else ""
+    assert _listener(f"{scheme}://{address}{files}").url == f"{scheme}-listen://{bound}"
 
 
 def test_it_needs_a_board() -> None:
