@@ -17,6 +17,7 @@ from tests.studio.chromium import chromium
 from tests.studio.running import PATIENCE, RunningStudio, serve
 from tests.threads import left_behind
 
+from hexwire.control.loop import known_state, owner
 from hexwire.control.requests.settings_reader import read_settings
 from hexwire.control.sharing.lease import Lease
 from hexwire.studio import arm_source, source
@@ -70,6 +71,16 @@ def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(source, "read_settings", read)
     monkeypatch.setattr(arm_source, "Lease", lambda timeout: Lease(timeout=PATIENCE))
+
+
+@pytest.fixture
+def never_silent(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A busy machine is not taken for an arm that is silent, whose page forgets what was typed.
+
+    Nor are motions refused meanwhile, for which a page that does not know of it would not ask again.
+    """
+    monkeypatch.setattr(known_state, "KNOWN_FOR", PATIENCE)
+    monkeypatch.setattr(owner, "_FRESH", PATIENCE)
 
 
 @pytest.fixture(scope="session")
@@ -224,6 +235,13 @@ def shrink_views(page: Page) -> None:
             sheet.replaceSync("#arm-view, .rc-arm, .fr-view { height: 32px !important; min-height: 0 !important }");
             document.adoptedStyleSheets.push(sheet);
         }"""
+    )
+
+
+def always_known(page: Page) -> None:
+    """Let a page not take a busy machine for a silent studio, until it is loaded again."""
+    page.evaluate(
+        "() => { Object.defineProperty(hexwire, 'known', { get: () => Boolean(hexwire.facts?.known) }); }"
     )
 
 

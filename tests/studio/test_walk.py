@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from tests.ros1.ros_world import PtyBoard
-from tests.studio.conftest import ready
+from tests.studio.conftest import always_known, ready
 from tests.studio.running import hold
 from tests.studio.test_every_page import walk
 
@@ -175,7 +175,10 @@ def test_everything_is_reached_and_seen_by_tab(operator: Page) -> None:
 
 
 @pytest.mark.slow
-def test_an_arm_is_moved_and_stopped_by_keyboard_only(studio: RunningStudio, page: Page) -> None:
+def test_an_arm_is_moved_and_stopped_by_keyboard_only(
+    studio: RunningStudio, page: Page, never_silent: None
+) -> None:
+    always_known(page)
     page.locator("body").press("Tab")
     for name in ("Take control", "Torque on"):
         _tab_to(page, name)

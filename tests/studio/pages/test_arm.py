@@ -9,11 +9,10 @@ import time
 from typing import TYPE_CHECKING
 
 import pytest
-from tests.studio.conftest import ask_for_long, shrink_views
+from tests.studio.conftest import always_known, ask_for_long, shrink_views
 from tests.studio.fake_camera import FakeCamera
-from tests.studio.running import PATIENCE, expect, press
+from tests.studio.running import expect, press
 
-from hexwire.control.loop import known_state, owner
 from hexwire.control.requests.pose_file import check_pose_name
 from hexwire.control.requests.program import read_program
 from hexwire.model.aim import Tip
@@ -29,20 +28,13 @@ if TYPE_CHECKING:
 
 
 @pytest.fixture(autouse=True)
-def _no_arm_is_silent(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A busy machine is not taken for an arm that is silent, whose page forgets what was typed.
-
-    Nor are motions refused meanwhile, for which a page that does not know of it would not ask again.
-    """
-    monkeypatch.setattr(known_state, "KNOWN_FOR", PATIENCE)
-    monkeypatch.setattr(owner, "_FRESH", PATIENCE)
+def _no_arm_is_silent(never_silent: None) -> None:
+    """For all tests here: see `never_silent`."""
 
 
 def open_page(page: Page) -> None:
     """Go to the page Move, which does not take a busy machine for a silent studio either."""
-    page.evaluate(
-        "() => { Object.defineProperty(hexwire, 'known', { get: () => Boolean(hexwire.facts?.known) }); }"
-    )
+    always_known(page)
     shrink_views(page)
     page.get_by_role("navigation", name="Pages").get_by_role("link", name="Move", exact=True).click()
 
