@@ -366,12 +366,13 @@ def test_each_command_ends_in_one_line_when_its_server_is_killed(folder: Path, l
         for program in programs:
             assert program.stdout is not None
         programs[-1].stdout.readline()  # type: ignore[union-attr]  # it is a pipe
-        with registry.connect("zenoh:c") as robot:
-            eventually(lambda: robot.read().torque_on)
+        for name in ("a", "b", "c"):
+            with registry.connect(f"zenoh:{name}") as robot:
+                eventually(lambda: robot.read().torque_on)
         eventually(lambda: (folder / "k.mcap").exists())
         server.kill()
         for command, program in zip(commands, programs, strict=True):
-            _, said = program.communicate(timeout=PATIENCE)
-            assert (command, program.returncode) == (command, DEVICE)
+            shown, said = program.communicate(timeout=PATIENCE)
             errors = [line for line in said.splitlines() if line.startswith("error: ")]
-            assert (command, len(errors), "Traceback" in said) == (command, 1, False), said
+            ended = program.returncode, len(errors), "Traceback" in said
+            assert ended == (DEVICE, 1, False), f"{command}: {shown}{said}"
