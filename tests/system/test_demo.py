@@ -32,9 +32,12 @@ LATER = re.compile(r"^ *[1-9]\d*\.\d s: ", re.MULTILINE)
 
 PATIENT = """
 import sys
+import pytest
+from tests.cli.shared_arm import patient_line
 from hexwire.cli import demo
 from hexwire.cli.main import main
 demo._WATCHDOG = 5.0
+patient_line(pytest.MonkeyPatch())
 sys.argv = ["hexwire", *sys.argv[1:]]
 main()
 """
@@ -42,7 +45,7 @@ main()
 
 @pytest.fixture(autouse=True)
 def _patient(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Longer times: on a busy machine the board finds its host silent, and answers late."""
+    """Longer times, in the demo too: on a busy machine the board finds its host silent, and answers late."""
     monkeypatch.setattr(programs, "HEXWIRE", [sys.executable, "-c", PATIENT])
     patient(monkeypatch)
     patient_line(monkeypatch)
