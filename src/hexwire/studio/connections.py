@@ -62,8 +62,8 @@ def make_protocol(
             present[self] = None
             self._timer = asyncio.get_running_loop().call_later(limits.request, self._too_late)
             if len(present) > limits.connections:
-                # One that has asked for nothing yet; else the oldest.
-                victim = next((each for each in present if each.cycle is None), next(iter(present)))
+                # The oldest that has asked for nothing yet; there is one, since this one has not.
+                victim = next(each for each in present if each.cycle is None)
                 victim._abort()
 
         def connection_lost(self, exc: Exception | None) -> None:
