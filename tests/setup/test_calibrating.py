@@ -17,6 +17,7 @@ from tests.soak import rounds
 
 from hexwire.drivers.base import StopMode
 from hexwire.drivers.stored_calibration import not_calibrated, stored_calibration
+from hexwire.emulator.servo import EmulatedServo
 from hexwire.errors import NotSupportedError, ServoError, StoppedError, UsageError
 from hexwire.model.arms import Go, Seek
 from hexwire.model.calibration import Calibration, JointCalibration
@@ -342,17 +343,22 @@ def test_nothing_is_stored_while_a_servo_has_torque_or_is_silent() -> None:
     assert [one.registers.stored("position_offset") for one in parts.arm.servos] == [0] * 6
 
 
-def test_nothing_is_stored_in_a_servo_that_does_not_say_whether_it_has_torque() -> None:
-    parts = SoBench()
+def meanwhile(parts: SoBench, act: Callable[[EmulatedServo], object]) -> None:
+    """Do something to the third servo as soon as the first one is given its offset."""
     one, _, three, *_ = parts.arm.servos
     receive = one.receive
 
-    def receive_and_lose(packet: ServoPacket, now: float) -> bytes | None:
+    def receive_and_act(packet: ServoPacket, now: float) -> bytes | None:
         if packet.instruction == Instruction.WRITE and packet.params[0] == 31:
-            lose_reads(three, "torque_enable")
+            act(three)
         return receive(packet, now)
 
-    one.receive = receive_and_lose  # type: ignore[method-assign]
+    one.receive = receive_and_act  # type: ignore[method-assign]
+
+
+def test_nothing_is_stored_in_a_servo_that_does_not_say_whether_it_has_torque() -> None:
+    parts = SoBench()
+    meanwhile(parts, lambda three: lose_reads(three, "torque_enable"))
     said = "servo 3 does not answer; all servos have their old values again"
     with parts.attached() as bench, pytest.raises(ServoError, match=said):
         store(bench.arm.bus, rows())
@@ -413,15 +419,7 @@ def test_killed_while_it_stores_the_arm_counts_as_not_calibrated() -> None:
 
 def test_torque_that_another_program_switches_on_meanwhile_keeps_a_servo_as_it_was() -> None:
     parts = SoBench()
-    one, _, three, *_ = parts.arm.servos
-    receive = one.receive
-
-    def receive_and_hold(packet: ServoPacket, now: float) -> bytes | None:
-        if packet.instruction == Instruction.WRITE and packet.params[0] == 31:
-            three.registers.put("torque_enable", 1)
-        return receive(packet, now)
-
-    one.receive = receive_and_hold  # type: ignore[method-assign]
+    meanwhile(parts, lambda three: three.registers.put("torque_enable", 1))
     said = "elbow_flex has torque now: it would jump; all servos have their old values again"
     with parts.attached() as bench, pytest.raises(ServoError, match=said):
         store(bench.arm.bus, rows())

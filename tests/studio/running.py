@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "PATIENCE",
+    "PICTURES",
     "RunningStudio",
     "Visitor",
     "attempt",
@@ -38,6 +39,9 @@ __all__ = [
     "serve",
     "until",
 ]
+
+PICTURES = "new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => drawn(true))))"
+"""For `Page.evaluate`: wait until what has come before is drawn."""
 
 _names = itertools.count(1)
 

@@ -228,6 +228,18 @@ def unlocked(bus: ServoBus, servo_id: int) -> Iterator[None]:
         bus.write_raw(servo_id, "lock", 1)
 
 
+def read_raw(bus: ServoBus, servo_id: int, name: str) -> int:
+    """The raw value of a register; a servo that reports a fault has it, too.
+
+    Raises:
+        ServoError: It does not answer.
+    """
+    raw = bus.read(servo_id, name).raw
+    if raw is None:
+        raise ServoError(f"servo {servo_id} does not answer", servo_id=servo_id)
+    return raw
+
+
 def write_setting(bus: ServoBus, servo_id: int, name: str, raw: int) -> None:
     """Store a setting permanently and verify it.
 

@@ -335,10 +335,7 @@ def _stored_in(bus: ServoBus, servo_id: int) -> tuple[int, bytes]:
 
 def _refuse_torque(bus: ServoBus, row: JointCalibration) -> None:
     """Another program may have switched it on since the first look."""
-    torque = bus.read(row.servo_id, "torque_enable").raw
-    if torque is None:
-        raise ServoError(f"servo {row.servo_id} does not answer", servo_id=row.servo_id)
-    if torque:
+    if servo_setup.read_raw(bus, row.servo_id, "torque_enable"):
         raise ServoError(f"{row.name} has torque now: it would jump", servo_id=row.servo_id)
 
 

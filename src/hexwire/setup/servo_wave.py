@@ -13,6 +13,7 @@ from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
+from hexwire.bus.setup import read_raw
 from hexwire.control.loop.owner import RobotOwner
 from hexwire.control.loop.reader import read_known
 from hexwire.control.loop.target import SingleMotion
@@ -169,21 +170,13 @@ def own_limits(bus: ServoBus, servo_id: int) -> tuple[int, int] | None:
         ServoError: It does not answer.
     """
     registers = bus.series_of(servo_id).registers
-    if "mode" in registers and (mode := _setting(bus, servo_id, "mode")):
+    if "mode" in registers and (mode := read_raw(bus, servo_id, "mode")):
         raise UsageError(f"servo {servo_id} is in mode {mode}, not in position mode (0): a goal would not stop it")
     for name in ("min_position_limit", "min_angle_limit"):
         if name in registers:
-            least, most = _setting(bus, servo_id, name), _setting(bus, servo_id, name.replace("min", "max"))
+            least, most = read_raw(bus, servo_id, name), read_raw(bus, servo_id, name.replace("min", "max"))
             return (least, most) if most > least else None
     return None
-
-
-def _setting(bus: ServoBus, servo_id: int, name: str) -> int:
-    """What a servo has stored; whether it has a fault is left to whoever looks where it stands."""
-    raw = bus.read(servo_id, name).raw
-    if raw is None:
-        raise ServoError(f"servo {servo_id} does not answer", servo_id=servo_id)
-    return raw
 
 
 def one_servo(bus: ServoBus, servo_id: int, amplitude: float) -> BusArm:

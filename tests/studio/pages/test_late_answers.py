@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from tests.studio.pages.test_arm import _no_arm_is_silent, open_page, prepare
 from tests.studio.pages.test_timeline import swing
-from tests.studio.running import expect, until
+from tests.studio.running import PICTURES, expect, until
 
 from hexwire.control.requests.program import read_program
 from hexwire.errors import UsageError
@@ -51,8 +51,6 @@ NEWER_FIRST = """(which) => {
     };
 }"""
 """The first answer of a call comes after the second one, if that is asked for before."""
-
-PICTURES = "new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(() => drawn(true))))"
 
 
 def held(page: Page, count: int = 1) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from tests.studio.running import PATIENCE
+from tests.studio.running import PATIENCE, PICTURES
 
 from hexwire.link.tap import Direction, Passed
 from hexwire.trace.sources import read_traffic
@@ -37,7 +37,6 @@ _IN_SIGHT = """() => {
         .map(([, row]) => Number(row.dataset.number));
 }"""
 """Numbers of the frames that are whole in sight, from above."""
-_DRAWN = "new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
 
 
 @pytest.fixture
@@ -73,7 +72,7 @@ def test_live_frames_are_saved_filtered_and_paused(wire: Page, tmp_path: Path) -
     wire.get_by_role("button", name="Pause").click()
     wire.get_by_role("button", name="Go on").wait_for()
     # What has come before is drawn with the next picture.
-    wire.evaluate(_DRAWN)
+    wire.evaluate(PICTURES)
     shown = frames.inner_text()
     wire.wait_for_timeout(300)
     assert frames.inner_text() == shown
@@ -319,7 +318,7 @@ def test_a_list_that_follows_does_not_move_under_a_finger(studio: RunningStudio,
         for i in range(60):
             send("Move", 500 + 2 * i)
         page.wait_for_function("!document.querySelector('.hw-wire-label input').checked")
-        page.evaluate(_DRAWN)
+        page.evaluate(PICTURES)
         before = page.evaluate(top)
         height = page.evaluate("document.querySelector('.hw-wire-inner').clientHeight")
         page.wait_for_function(f"document.querySelector('.hw-wire-inner').clientHeight > {height + 440}")
