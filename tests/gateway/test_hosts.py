@@ -197,3 +197,85 @@ def test_a_stop_of_a_lost_board_by_another_reaches_it_when_it_is_back(bench: Ben
     bench.gateway.lines[8].back(bench.now)
     bench.run(0.5)
     assert bench.stopped()[8]
+
+
+def next_host(bench: Bench) -> Other:
+    """The host has left in order, and another one comes; both give the same numbers."""
+    bench.gateway.host_gone(bench.side, bench.now, broken=False)
+    return Other(bench)
+
+
+@pytest.mark.parametrize("stop", ["another host's", "the watchdog's"])
+@pytest.mark.parametrize("to", [8, Broadcast().dst, Multicast((8, 9)).dst])
+def test_a_board_takes_no_request_for_a_repeat_of_one_by_the_host_before(bench: Bench, to: int, stop: str) -> None:
+    first, asked = Other(bench), [(Command.RESUME, b""), (Command.TORQUE, ALL_ON), (Command.STOP, b"\0")]
+    bench.gateway.host_gone(bench.side, bench.now, broken=False)
+    for seq, (cmd, body) in enumerate(asked):
+        assert {status(a) for a in first.send(cmd, body, 8, seq=seq)} == {Status.OK}
+    first.send(Command.RESUME, to=8, seq=9)
+    assert bench.gateway.host_gone(first.side, bench.now, broken=False) == []
+    if stop == "another host's":
+        Other(bench).send(Command.STOP, b"\1")
+    else:
+        bench.boards[8].state.watchdog_due = bench.now
+        bench.run(0.1)
+    assert bench.stopped()[8]
+    second = Other(bench)
+    second.send(Command.IDENTIFY, to=to, seq=8)
+    for seq, (cmd, body) in enumerate(asked):
+        assert {status(a) for a in second.send(cmd, body, to, seq=seq) if a.src == 8} == {Status.OK}, cmd
+        board = bench.boards[8].state
+        assert board.stopped == (cmd == Command.STOP)
+        assert cmd != Command.TORQUE or all(joint.torque_on for joint in board.joints)
+
+
+def test_a_stop_of_a_host_that_the_board_does_not_know_yet_is_no_repeat(bench: Bench) -> None:
+    bench.ask(Command.TORQUE, ALL_ON, 8)
+    reply = bench.ask(Command.STOP, b"\0", 8)
+    assert reply.frame is not None
+    bench.ask(Command.RESUME, to=8)
+    second = next_host(bench)
+    # What tells the board of the host is lost on the way.
+    bench.drop = lambda module, frame: frame.cmd == Command.IDENTIFY
+    assert second.send(Command.JOINT_STATE, b"\1\0", 8, seq=200) == []
+    assert bench.gateway.held(second.side) == [8]
+    answers = second.send(Command.STOP, b"\0", 8, seq=reply.frame.seq)
+    assert {(status(a), a.cmd, a.seq) for a in answers} == {
+        (Status.STOPPED, Command.JOINT_STATE, 200),
+        (Status.OK, Command.STOP, reply.frame.seq),
+    }
+    assert bench.stopped()[8]
+
+
+def test_a_board_is_told_of_a_host_until_it_answers_and_nothing_goes_before_that(bench: Bench) -> None:
+    second, lost = next_host(bench), 3
+
+    def drop(module: int, frame: Frame) -> bool:
+        nonlocal lost
+        lost -= frame.cmd == Command.IDENTIFY
+        return lost >= 0
+
+    bench.drop = drop
+    before = len(bench.to_boards[8])
+    (torque,) = second.send(Command.TORQUE, ALL_ON, 8) or second.wait(0.5)
+    assert status(torque) == Status.OK
+    commands = [frame.cmd for frame in bench.to_boards[8][before:]]
+    assert commands == [Command.IDENTIFY] * 4 + [Command.TORQUE]
+    # It does not know that the gateway has asked in its name.
+    assert second.wait() == []
+
+
+def test_a_board_that_a_stop_kept_from_knowing_its_host_is_told_again(bench: Bench) -> None:
+    second, stopper = next_host(bench), Other(bench)
+    bench.drop = lambda module, frame: frame.cmd == Command.IDENTIFY
+    second.send(Command.RESUME, to=8, seq=5)
+    stopper.send(Command.STOP, b"\0")
+    assert [(status(a), a.seq) for a in second.wait()] == [(Status.STOPPED, 5)]
+    bench.drop = lambda module, frame: False
+    line, asked = bench.gateway.lines[8], bench.to_boards[8]
+    before = len(asked)
+    (resumed,) = second.send(Command.RESUME, to=8, seq=6)
+    assert status(resumed) == Status.OK
+    assert [frame.cmd for frame in asked[before:]] == [Command.IDENTIFY, Command.RESUME]
+    assert not bench.stopped()[8]
+    assert not line.stops_itself

@@ -99,13 +99,16 @@ def test_a_late_frame_is_refused_but_for_a_stop(bench: QueueBench) -> None:
 def test_a_repeat_reaches_the_board_only_while_that_knows_it(bench: QueueBench) -> None:
     frame = bench.last_frame(Command.TORQUE, ALL_ON)
 
+    def torques() -> int:
+        return sum(frame.cmd == Command.TORQUE for frame in bench.to_boards[8])
+
     def sent(again: int, body: bytes = ALL_ON, *, after: float = 0.1) -> int:
         bench.run(after)
-        before = len(bench.to_boards[8])
+        before = torques()
         sec = frame.time_sec + int(bench.now - START)
         bench.put(frame._replace(time_sec=sec, sn=frame.sn + again, body=body))
         bench.run(0.1)
-        return len(bench.to_boards[8]) - before
+        return torques() - before
 
     assert [sent(0), sent(1), sent(2)] == [1, 1, 1]
     assert sent(3, after=tables.REPEAT_WINDOW) == 0

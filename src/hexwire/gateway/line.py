@@ -119,6 +119,8 @@ _QUIET = 0.2
 """Seconds after which a board that is asked who it is, together with others, counts as not to be reached."""
 _SEEK_AGAIN = 0.05
 """Seconds before the board is asked again who it is: no burst of those who look for boards fills its line."""
+_INTRODUCE_AGAIN = 0.1
+"""Seconds in which a board answers the IDENTIFY that tells it of a new host; then it is asked again."""
 _BODY = max_body(tables.MAX_SERIAL_FRAME)
 _CHUNK = _BODY - FRAGMENT_HEAD_SIZE
 _FRAGMENTS = tables.CAPABILITIES["fragments"]
@@ -208,6 +210,9 @@ class BoardLine:
         # The same of those who look for boards while this one has no host.
         self._seekers: dict[tuple[object, int], tuple[Frame, float]] = {}
         self._seek_number, self._seek_again = 0, -math.inf
+        # IDENTIFY in the name of a new host, which the board has not answered, and when it is sent.
+        self._introduction: Frame | None = None
+        self._introduction_number, self._introduce_at = 0, 0.0
         self._begin()
 
     def _begin(self) -> None:
@@ -220,6 +225,17 @@ class BoardLine:
         self._takes_fragments = False
 
     # -- from the host --------------------------------------------------------------------------------
+
+    def introduce(self, src: int, now: float) -> None:
+        """Tell the board of a new host before it gets a frame of it.
+
+        By IDENTIFY in the host's name, since the numbers of two hosts with one id are the same to the board. It
+        would take a request for a repeat of one by the host before: a RESUME would be answered and not carried out.
+        """
+        self._introduction_number += 1
+        number = self._introduction_number & 0xFF
+        self._introduction = self._own_frame(Command.IDENTIFY, number, b"", now)._replace(src=src)
+        self._introduce_at = now
 
     def request(self, frame: Frame, now: float) -> list[Frame]:
         """Take a frame of the host for this board; returns frames for the host, in place of the board's answer.
@@ -331,9 +347,13 @@ class BoardLine:
         return self._answer(frame, Status.BUSY, text.encode())
 
     @property
-    def stop_waits(self) -> bool:
-        """Whether a stop has not left yet."""
-        return bool(self._stops)
+    def stops_itself(self) -> bool:
+        """Whether a stop of the host, too, has to be the gateway's own.
+
+        One that has not left yet stops for the host as well. A board that has not been told of the host would take
+        its stop for a repeat of one by the host before.
+        """
+        return bool(self._stops) or self._introduction is not None
 
     @property
     def stopping(self) -> bool:
@@ -424,13 +444,18 @@ class BoardLine:
         while self.up and now >= self._free_at and (self._stops or self._queue):
             if self._stops:
                 frame = self._stops.popleft()
+            elif now - (waiting := self._queue[0]).since > _MAX_AGE and not waiting.chunk:
+                self._queue.popleft()
+                self.counters.old += 1
+                self.use.ended(waiting.frame)
+                continue
+            elif self._introduction is None:
+                frame = self._queue.popleft().frame
+            elif now >= self._introduce_at:
+                frame = self._introduction
+                self._introduce_at = now + _INTRODUCE_AGAIN
             else:
-                waiting = self._queue.popleft()
-                if now - waiting.since > _MAX_AGE and not waiting.chunk:
-                    self.counters.old += 1
-                    self.use.ended(waiting.frame)
-                    continue
-                frame = waiting.frame
+                return b""
             data = serialize_frame(frame, tables.MAX_SERIAL_FRAME)
             self._free_at = now + len(data) * self._per_byte
             self.counters.down += 1
@@ -440,8 +465,9 @@ class BoardLine:
     def next_timeout(self) -> float | None:
         """Time at which there is something to write or to repeat, or None."""
         waits = self.up and (self._stops or self._queue)
+        held = self._introduction is not None and not self._stops
         times = (
-            self._free_at if waits else None,
+            (max(self._free_at, self._introduce_at) if held else self._free_at) if waits else None,
             None if self._own_stop is None else self._own_stop[2],
             None if self._sought is None else self._sought[1],
             min((until for _, until in self._seekers.values()), default=None),
@@ -521,12 +547,26 @@ class BoardLine:
                 self._askers.clear()
             return None
         self._last = frame
+        if self._answers_introduction(frame, now):
+            return None
         if frame.cmd in (Command.FRAGMENT, Command.FRAGMENT_MISSING):
             return self._take_fragment(frame, now)
         if not frame.cmd_ext & (EXT_REPLY | EXT_UNSOLICITED):
             self.counters.strange += 1
             return None
         return self._lift(frame)
+
+    def _answers_introduction(self, frame: Frame, now: float) -> bool:
+        asked = self._introduction
+        if asked is None or (frame.dst, frame.seq, frame.cmd) != (asked.src, asked.seq, asked.cmd):
+            return False
+        if frame.cmd_ext == EXT_REPLY | Status.STOPPED:
+            # A stop overtook it.
+            self._introduce_at = now
+        else:
+            self._introduction = None
+            self._as_host_sees(frame)
+        return True
 
     def _take_fragment(self, frame: Frame, now: float) -> Frame | None:
         try:
@@ -589,7 +629,7 @@ class BoardLine:
         self._void(now)
         self._voided.clear()
         self._stops.clear()
-        self._sought = None
+        self._sought = self._introduction = None
         self.use = Use()
 
     def lost(self) -> None:

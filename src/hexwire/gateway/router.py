@@ -138,7 +138,8 @@ class Gateway:
                 continue
             if holder is None and not stops:
                 holder = self._held[line.module] = host
-            if holder is host and not (stops and line.stop_waits):
+                line.introduce(frame.src, now)
+            if holder is host and not (stops and line.stops_itself):
                 # A board decides by this whether a command may go to several.
                 dst = line.local if single else Multicast((line.local,)).dst
                 host.send(line.request(frame._replace(dst=dst), now))
