@@ -16,13 +16,14 @@ from tests.few import few
 from tests.soak import rounds
 
 from hexwire.drivers.base import StopMode
+from hexwire.drivers.bus_arm import So101Arm
 from hexwire.drivers.stored_calibration import not_calibrated, stored_calibration
 from hexwire.emulator.servo import EmulatedServo
 from hexwire.errors import NotSupportedError, ServoError, StoppedError, UsageError
 from hexwire.model.arms import Go, Seek
 from hexwire.model.calibration import Calibration, JointCalibration
-from hexwire.setup.auto_calibration import AutoCalibration
-from hexwire.setup.calibrating import CalibrationBench, store
+from hexwire.setup.auto_calibration import COUNT, AutoCalibration
+from hexwire.setup.calibrating import CalibrationBench, counting_arm, store
 from hexwire.wire.servo_packet import Instruction, ServoPacket
 
 TURN = 4096
@@ -42,6 +43,18 @@ def calibrate(parts: SoBench) -> Calibration:
 
 def limp(parts: SoBench) -> bool:
     return not any(servo.torque_on for servo in parts.arm.servos)
+
+
+def test_an_arm_that_counts_has_counts_for_angles_and_seven_turns_to_either_side() -> None:
+    described = So101Arm.described()
+    counting = counting_arm(described)
+    assert (counting.model.names, counting.baud) == (described.model.names, described.baud)
+    for joint in counting.model.joints:
+        assert joint.count_limits == pytest.approx((-7 * TURN, 7 * TURN), abs=1)
+        for counts in (-7 * TURN, -1, 0, 1, 7 * TURN):
+            assert joint.counts_to_angle(counts) == pytest.approx(counts * COUNT)
+            assert joint.angle_to_counts(counts * COUNT) == counts
+            joint.check(counts * COUNT)
 
 
 @pytest.mark.slow
@@ -202,10 +215,16 @@ def test_ctrl_c_at_any_step_leaves_it_without_torque(step: int) -> None:
         assert [one.registers.get("max_position_limit") for one in parts.arm.servos] == [4095] * 6
 
 
+@pytest.mark.parametrize("interrupted", [False, True])
 @pytest.mark.usefixtures("short")
-def test_a_cable_that_is_unplugged_is_said_with_what_to_do() -> None:
+def test_a_cable_that_is_unplugged_is_said_with_what_to_do(interrupted: bool) -> None:
+    def unplug(parts: SoBench) -> None:
+        parts.link.close()
+        if interrupted:
+            raise KeyboardInterrupt
+
     parts = SoBench()
-    watch = odd(PAN, lambda p: p.link.close())
+    watch = odd(PAN, unplug)
     said = "is closed; the arm may hold with low torque: switch its supply off"
     with parts.attached() as bench:
         bench.release()

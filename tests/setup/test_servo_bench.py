@@ -258,3 +258,17 @@ def test_shutdown_ends_the_job() -> None:
     worker.join(30)
     assert not worker.is_alive()
     assert bench.job is None
+
+
+def test_shutdown_waits_two_seconds_for_a_job_that_does_not_end() -> None:
+    bench, _, clock = make()
+
+    def tick() -> float:
+        clock.now += 0.25
+        return clock.now
+
+    bench._clock = tick
+    with bench.working("a stress test") as job:
+        bench.shutdown()
+        assert job.ended == "the bus is closed"
+    assert clock.now - 100.0 == pytest.approx(2.0, abs=0.5)
