@@ -3,10 +3,10 @@ from __future__ import annotations
 import math
 
 import pytest
-from tests.bus.bus_bench import make_bus
+from tests.bus.bus_bench import lose_reads, make_bus
 
 from hexwire.bus.setup import scan
-from hexwire.bus.survey import survey
+from hexwire.bus.survey import _SETTINGS, survey
 from hexwire.wire.registers import Series
 
 
@@ -42,3 +42,16 @@ def test_servos_that_share_an_id_or_are_at_another_rate_are_only_listed() -> Non
     assert "several servos" in both.remarks[0].text
     assert other.settings == {}
     assert len(bus.link.written) == before  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize("name", _SETTINGS)
+def test_a_setting_that_was_not_read_is_said_to_be_unknown(name: str) -> None:
+    bus, device = make_bus((1, 2), paced=False)
+    lose_reads(device.wire[2], name)
+    one, two = survey(bus, scan(bus, ids=range(4)))
+    assert name in one.settings
+    assert name not in two.settings
+    assert (one.bad, two.bad) == (False, True)
+    assert [remark.text for remark in two.remarks] == [
+        f"did not answer when {name} was read: check its cable, try again"
+    ]

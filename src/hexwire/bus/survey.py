@@ -141,17 +141,24 @@ def survey(bus: ServoBus, found: Sequence[Found]) -> list[Surveyed]:
     rows = []
     for row in found:
         settings: dict[str, float] = {}
-        supply = math.nan
+        supply, unread = math.nan, list[str]()
         if row.info is not None and row.info.series is not None and row.baud == bus.timing.baud and not row.shared:
             # A search at other rates leaves what it knew of a servo behind.
             identify(bus, row.servo_id)
             known = bus.series_of(row.servo_id).registers
             for name in _SETTINGS:
-                if name in known and (reading := bus.read(row.servo_id, name)).raw is not None:
-                    settings[name] = reading.value
+                if name in known:
+                    reading = bus.read(row.servo_id, name)
+                    if reading.raw is None:
+                        unread.append(name)
+                    else:
+                        settings[name] = reading.value
             if "max_voltage" in known:
                 supply = bus.read(row.servo_id, "present_voltage").value
         told = [] if row.info is None else remarks(row.info, settings, supply, others)
+        if unread:
+            names = ", ".join(unread)
+            told.append(Remark(True, f"did not answer when {names} was read: check its cable, try again"))
         if row.shared:
             told = [Remark(True, "several servos seem to have this id: connect one alone, and give it another")]
         elif row.info is None:
