@@ -102,8 +102,7 @@ def test_a_wrong_file_is_refused_by_name(tmp_path: Path, text: str) -> None:
         read_fleet_file(str(file))
 
 
-def test_an_arm_that_nobody_serves_here_needs_a_router(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+def test_an_arm_that_nobody_serves_here_needs_a_router(runtime: Path) -> None:
     with pytest.raises(LinkNotFoundError, match=r"hexwire serve --name lab/arm1.*router"):
         parse("zenoh:lab/arm1").network()
     network = parse("zenoh:lab/arm1?router=tcp/localhost:7447").network()

@@ -261,7 +261,8 @@ def test_the_lease_is_given_back_after_the_set_points_and_what_was_refused_is_lo
     told = m.Stream(5, 1, refused, 1, "LimitError" if refused else "", "too far")
     inbox.rows.put(m.encode(msgspec.structs.replace(STATE, stream=told)))
     thread.join(30.0)
-    assert server.asked[-1][1] == m.Leave(17, finish=True)
+    # The thread that keeps the lease may still renew it meanwhile.
+    assert [message for _, message in server.asked if isinstance(message, m.Leave)] == [m.Leave(17, finish=True)]
     assert ("the last set-points were not done: too far" in caplog.text) is bool(refused)
 
 
