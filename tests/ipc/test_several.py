@@ -62,6 +62,19 @@ def test_one_stop_stops_all_and_cancels_what_was_called_before() -> None:
     assert not any(board.state.stopped for board in channel.boards.values())
 
 
+@pytest.mark.parametrize("resumes", [False, True])
+def test_of_a_call_before_a_stop_nothing_is_sent_any_more(resumes: bool) -> None:
+    channel, _, session = open_channel(8, 9)
+    session.request_all(Command.IDENTIFY)
+    call = session.epochs.token("torque on")
+    session.request_all(Command.STOP, b"\0")
+    if resumes:
+        session.request_all(Command.RESUME)
+    with session.epochs.using(call), pytest.raises(StoppedError, match="a stop came after the call"):
+        session.request_all(Command.TORQUE, ALL_ON)
+    assert not any(joint.torque_on for board in channel.boards.values() for joint in board.state.joints)
+
+
 def test_a_stop_that_one_does_not_confirm_is_unconfirmed() -> None:
     channel, _, session = open_channel(8, 9)
     session.request_all(Command.IDENTIFY)
