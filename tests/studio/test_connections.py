@@ -12,12 +12,13 @@ from asyncio import sslproto
 from typing import TYPE_CHECKING, Any
 
 import pytest
+import uvicorn
 from tests.studio.running import Visitor, serve, until
 
 from hexwire.studio import connections
 from hexwire.studio.access import Access, Limits
 from hexwire.studio.app import Studio
-from hexwire.studio.connections import read_little
+from hexwire.studio.connections import make_protocol, read_little
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -72,6 +73,90 @@ def test_a_request_comes_through_a_crowd(own: RunningStudio, idle: list[socket.s
         time.sleep(0.05)
         asking.sendall(f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode())
         assert asking.recv(100).startswith(b"HTTP/1.1 401")
+
+
+class _Transport(asyncio.Transport):
+    """A connection's other end, which only notes that it was cut off."""
+
+    cut = False
+
+    def abort(self) -> None:
+        self.cut = True
+
+    def close(self) -> None:
+        pass
+
+    def write(self, data: bytes | bytearray | memoryview) -> None:
+        pass
+
+    def pause_reading(self) -> None:
+        pass
+
+    def resume_reading(self) -> None:
+        pass
+
+    def is_closing(self) -> bool:
+        return self.cut
+
+
+def test_what_asks_for_nothing_gives_way_first_and_what_waits_for_its_answer_last() -> None:
+    """Of those alike, what has asked for nothing longest; never the newest, whoever holds all others."""
+
+    async def app(scope: Any, receive: Any, send: Any) -> None:
+        if scope["path"] == "/slow":
+            await asyncio.Event().wait()
+        await send({"type": "http.response.start", "status": 200, "headers": [(b"content-length", b"0")]})
+        await send({"type": "http.response.body"})
+
+    async def order() -> list[str]:
+        config = uvicorn.Config(app, ws="none", lifespan="off", log_level="critical")
+        config.load()
+        made, given = dict[str, Any](), dict[str, _Transport]()
+        kind, state = make_protocol(Limits(connections=6)), uvicorn.server.ServerState()
+
+        def begin(name: str) -> None:
+            made[name] = kind(config=config, server_state=state, app_state={})  # type: ignore[call-arg]
+            given[name] = _Transport()
+            made[name].connection_made(given[name])
+
+        async def ask(name: str, path: str = "/") -> None:
+            made[name].data_received(f"GET {path} HTTP/1.1\r\nHost: x\r\n\r\n".encode())
+            for _ in range(5):
+                await asyncio.sleep(0)
+
+        for name in ("slow", "slower", "mute", "answered", "again", "mute too"):
+            begin(name)
+        await ask("slower", "/slow")
+        await ask("slow", "/slow")
+        for name in ("again", "answered", "again"):
+            await ask(name)
+        found = []
+        for number in range(6):
+            begin(f"new {number}")
+            await ask(f"new {number}", "/slow")
+            found += [name for name, transport in given.items() if transport.cut and name not in found]
+            assert sum(not transport.cut for transport in given.values()) == 6
+        for task in state.tasks:
+            task.cancel()
+        for each in made.values():
+            each.connection_lost(None)
+        return found
+
+    assert asyncio.run(order()) == ["mute", "mute too", "answered", "again", "slower", "slow"]
+
+
+@pytest.mark.parametrize("ending", ["\r\n", "Content-Length: 10\r\n\r\n"], ids=["whole", "without end"])
+def test_a_crowd_whose_each_one_has_asked_keeps_no_stop_away(own: RunningStudio, ending: str) -> None:
+    most, address = own.studio.access.limits.connections, ("127.0.0.1", int(own.url.rpartition(":")[2]))
+    head = f"POST /stop HTTP/1.1\r\nHost: {address[0]}:{address[1]}\r\n"
+    with contextlib.ExitStack() as crowd:
+        for _ in range(most):
+            each = crowd.enter_context(socket.create_connection(address, timeout=30))
+            each.sendall((head + ending).encode())
+            assert each.recv(1)
+        with socket.create_connection(address, timeout=30) as asking:
+            asking.sendall((head + "\r\n").encode())
+            assert asking.recv(100).startswith(b"HTTP/1.1 403")
 
 
 def test_a_head_without_end_is_refused(served: RunningStudio) -> None:

@@ -48,8 +48,12 @@ def make_protocol(
         limits: The bounds.
         right_of: What the holder of a verified client certificate may do, by what stands in it.
     """
-    # In the order of their beginning; those that have become sockets are not among them.
+    # In the order in which they have begun or last asked; those that have become sockets are not among them.
     present: dict[Any, None] = {}
+
+    def worth(connection: BoundedConnection) -> int:
+        """The less, the sooner it gives way: has asked for nothing, is answered, waits for an answer."""
+        return 0 if connection.cycle is None else 1 if connection.cycle.response_complete else 2
 
     class BoundedConnection(H11Protocol):
         """One connection, until it becomes a socket."""
@@ -62,18 +66,20 @@ def make_protocol(
             present[self] = None
             self._timer = asyncio.get_running_loop().call_later(limits.request, self._too_late)
             if len(present) > limits.connections:
-                # The oldest that has asked for nothing yet; there is one, since this one has not.
-                victim = next(each for each in present if each.cycle is None)
-                victim._abort()
+                # Never this one: whoever holds all the others, by asking on each now and then, keeps no STOP away.
+                min((each for each in present if each is not self), key=worth)._abort()
 
         def connection_lost(self, exc: Exception | None) -> None:
             self._forget()
             super().connection_lost(exc)
 
         def handle_events(self) -> None:
+            before = self.cycle
             super().handle_events()
-            if self.cycle is not None:
+            if self.cycle is not before:
                 self._end_timer()
+                if self in present:
+                    present[self] = present.pop(self)
 
         def handle_websocket_upgrade(self, event: Any) -> None:
             self._forget()
