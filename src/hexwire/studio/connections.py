@@ -51,7 +51,7 @@ def make_protocol(
     # In the order in which they have begun or last asked; those that have become sockets are not among them.
     present: dict[Any, None] = {}
 
-    def worth(connection: BoundedConnection) -> int:
+    def worth(connection: Any) -> int:
         """The less, the sooner it gives way: has asked for nothing, is answered, waits for an answer."""
         return 0 if connection.cycle is None else 1 if connection.cycle.response_complete else 2
 
