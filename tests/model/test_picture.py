@@ -48,6 +48,25 @@ def test_every_arm_has_a_picture_that_follows_its_joints(robot: str) -> None:
     assert draw_arm(shapes, zero | {shapes.driven[0]: math.nan}, robot) == picture
 
 
+@pytest.mark.parametrize("robot", ["hex7bot", "puma260", "so100", "so101"])
+def test_the_view_is_that_of_the_table_with_half_the_reach_of_the_arm_above_it(robot: str) -> None:
+    shapes = make_shapes(make_kinematics(robot))
+    folded, turned = (draw_arm(shapes, dict.fromkeys(shapes.driven, angle), robot) for angle in (0.0, 0.4))
+    root = ElementTree.fromstring(folded.svg)
+    assert ElementTree.fromstring(turned.svg).attrib["viewBox"] == root.attrib["viewBox"]
+    left, top, wide, high = map(float, root.attrib["viewBox"].split())
+    table = root.find(f"{SVG}path")
+    assert table is not None
+    ends = [float(number) for number in re.split("[ LM]+", table.attrib["d"])[1:]]
+    # Whole tiles of 100 mm to each side: two lines for each, and two in the middle, of two ends with two numbers.
+    tiles = (len(ends) / 8 - 1) / 2
+    assert tiles == math.ceil(0.5 * shapes.reach / 0.1)
+    margin = 10.0
+    assert (left, left + wide) == pytest.approx((min(ends[::2]) - margin, max(ends[::2]) + margin), abs=0.15)
+    above = 100.0 * tiles * math.cos(math.radians(22))
+    assert (top, top + high) == pytest.approx((-above - margin, max(ends[1::2]) + margin), abs=0.15)
+
+
 def test_a_box_shows_its_three_sides_that_face_the_viewer_to_scale() -> None:
     faces = polygons(draw_arm(still(box("b", "paint", (0.1, 0.1, 0.1), (0.0, 0.0, 0.05))), {}, "").svg)
     assert [len(corners) for _, corners in faces] == [4, 4, 4]
