@@ -173,6 +173,29 @@ def test_a_token_with_a_condition_is_refused_with_the_error_of_the_condition() -
     epochs.check(token._replace(urgent=True), "a stop")
 
 
+def test_a_call_is_undisturbed_until_something_may_refuse_it() -> None:
+    """Only then nobody else is asked before its bytes leave."""
+
+    def stop(epochs: Epochs) -> None:
+        with epochs.stopping():
+            pass
+
+    def switch_off(epochs: Epochs) -> None:
+        with epochs.torque_off():
+            pass
+
+    for disturb in (stop, switch_off, Epochs.assume_stopped, Epochs.void):
+        epochs = Epochs()
+        token = epochs.token("a move")
+        assert epochs.undisturbed(token)
+        disturb(epochs)
+        assert not epochs.undisturbed(token)
+    epochs = Epochs()
+    token = epochs.mark()
+    for asked in (("refusal",), ("late",), ("refusal", "late")):
+        assert not epochs.undisturbed(token._replace(**dict.fromkeys(asked, lambda: None))), asked
+
+
 def test_a_stop_that_is_assumed_voids_what_was_begun_before() -> None:
     epochs = Epochs()
     token = epochs.token("motion")
