@@ -12,6 +12,7 @@ from tests.control.so_bench import SoBench
 from tests.drivers.arms import Arm
 from tests.drivers.test_own_robot import drivers
 
+from hexwire.drivers.abilities import ServoPing
 from hexwire.drivers.base import RobotDriver, StopMode
 from hexwire.drivers.bus_arm import So101Arm
 from hexwire.drivers.puma260 import Puma260Driver
@@ -162,6 +163,23 @@ def test_a_stop_that_does_not_hold_is_found(pretend: Any, monkeypatch: pytest.Mo
     ):
         with pytest.raises(AssertionError):
             question(pretend)
+
+
+def test_a_ping_has_one_byte_or_nothing_for_an_answer() -> None:
+    class Pinged(page()["PretendDriver"], ServoPing):  # type: ignore[misc]
+        error: int | None = None
+
+        def ping(self, servo_id: int) -> int | None:
+            return self.error
+
+    suite, robot = Suite(), Pinged()
+    for error in (None, 0, 255):
+        robot.error = error
+        suite.test_what_it_cannot_do_is_an_error_of_hexwire(robot)
+    for error in (-1, 256):
+        robot.error = error
+        with pytest.raises(AssertionError):
+            suite.test_what_it_cannot_do_is_an_error_of_hexwire(robot)
 
 
 def test_a_robot_has_five_seconds_to_get_there(pretend: Any, monkeypatch: pytest.MonkeyPatch) -> None:
