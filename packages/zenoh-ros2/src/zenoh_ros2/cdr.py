@@ -81,7 +81,7 @@ def _layout(codes: Sequence[tuple[str, int]], offset: int) -> tuple[str, int]:
     for code, count in codes:
         size = _CODES[code]
         padding = -offset % size
-        text += (f"{padding}x" if padding else "") + (f"{count}{code}" if count > 1 else code)
+        text += f"{padding}x{count}{code}"
         offset += padding + size * count
     return text, offset
 

@@ -383,8 +383,8 @@ def _make_class(definition: Definition, types: Types) -> type[Message]:
     """Make the class of a message; its constructor has the fields as keyword arguments."""
     fields = tuple(field.name for field in definition.fields)
     names: dict[str, Any] = {}
-    lines = ["def __init__(self" + "".join(f", {name}=None" for name in ("*", *fields)[: 1 + len(fields)]) + "):"]
-    lines[0] = lines[0].replace("*=None", "*") if fields else "def __init__(self):"
+    arguments = ["*", *(f"{name}=None" for name in fields)] if fields else []
+    lines = [f"def __init__({', '.join(['self', *arguments])}):"]
     for field in definition.fields:
         names[f"new_{field.name}"], value = _default(field, types)
         lines.append(f"    self.{field.name} = {value} if {field.name} is None else {field.name}")
