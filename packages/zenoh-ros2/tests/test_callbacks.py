@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 
@@ -112,6 +114,25 @@ def test_a_callback_that_hangs_for_a_moment_only_keeps_the_order(callbacks: Call
         inbox.put(number)
     assert done.wait(30)
     assert seen == [(number, True) for number in range(500)]
+
+
+@pytest.mark.system
+def test_a_program_may_end_while_a_callback_hangs() -> None:
+    program = """
+import threading
+from zenoh_ros2.callbacks import Callbacks
+
+callbacks, hangs = Callbacks("test"), threading.Event()
+
+def hang(item):
+    hangs.set()
+    threading.Event().wait()
+
+callbacks.inbox(1, hang).put(None)
+callbacks.start()
+hangs.wait()
+"""
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=30)
 
 
 def test_other_threads_may_hang_without_relief(callbacks: Callbacks) -> None:

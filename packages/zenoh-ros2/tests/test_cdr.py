@@ -243,15 +243,16 @@ def test_a_bounded_string_in_a_sequence_is_no_longer_than_its_bound() -> None:
         type_.parse(b"\0\1\0\0" + struct.pack("<II", 1, 5) + b"abcd\0")
 
 
-def test_long_names_are_not_kept() -> None:
+@pytest.mark.parametrize(("lists", "letters", "most"), [(100, 50_000, 1_000_000), (10_000, 8, 200_000)])
+def test_neither_long_names_nor_many_lists_of_names_are_kept(lists: int, letters: int, most: int) -> None:
     message = JOINT_STATE(name=["x"])
     JOINT_STATE.serialize(message)
     tracemalloc.start()
     try:
-        for i in range(100):
-            message.name = [f"{i}" * 50_000]
+        for i in range(lists):
+            message.name = [f"{i}" * letters]
             JOINT_STATE.parse(JOINT_STATE.serialize(message))
-        assert tracemalloc.get_traced_memory()[0] < 1_000_000
+        assert tracemalloc.get_traced_memory()[0] < most
     finally:
         tracemalloc.stop()
 

@@ -8,6 +8,8 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 from zenoh_ros2_tests.fake_node import FakeNode
 
 from zenoh_ros2.distributions import Distribution
@@ -218,6 +220,33 @@ def test_lists_by_prefix_and_depth(world: World, prefixes: list[str], depth: int
     assert world.names(*prefixes, depth=depth) == names
     found = world.ask("list_parameters", prefixes=prefixes, depth=depth).result.prefixes
     assert found == list(dict.fromkeys(name.rpartition(".")[0] for name in names if "." in name))
+
+
+@given(
+    st.sets(st.text("ab.", min_size=1, max_size=6)),
+    st.lists(st.text("ab.", max_size=4), max_size=3),
+    st.integers(0, 4),
+)
+@example(names={"a..b"}, prefixes=["a"], depth=1)
+def test_a_depth_counts_the_parts_after_the_prefix(names: set[str], prefixes: list[str], depth: int) -> None:
+    """As rclcpp does; a part may be empty."""
+    world = World(tells_types=False)
+    for name in names:
+        world.server.declare(name, 0)
+
+    def parts(name: str, prefix: str) -> int:
+        return len(name[len(prefix) + 1 :].split("."))
+
+    wanted = {
+        name
+        for name in {*ALL, *names}
+        if (not prefixes and (not depth or len(name.split(".")) <= depth))
+        or any(
+            name == prefix or (name.startswith(f"{prefix}.") and (not depth or parts(name, prefix) <= depth))
+            for prefix in prefixes
+        )
+    }
+    assert world.names(*prefixes, depth=depth) == sorted(wanted)
 
 
 def test_a_value_is_set_and_told(world: World) -> None:

@@ -12,7 +12,8 @@ from zenoh_ros2_tests.router import Router
 
 from zenoh_ros2 import zenoh_session
 from zenoh_ros2.errors import RouterNotFoundError, SessionClosedError, SessionError, UsageError
-from zenoh_ros2.zenoh_session import Request, ZenohSettings
+from zenoh_ros2.qos import Durability, History, Qos, Reliability
+from zenoh_ros2.zenoh_session import Request, Session, ZenohSettings, load_zenoh
 
 STRING = "std_msgs/msg/String"
 ECHO = "tiny_msgs/srv/Echo"
@@ -98,11 +99,11 @@ def test_a_variable_that_is_not_valid_is_named(variables: dict[str, str]) -> Non
 @pytest.mark.parametrize(
     ("file", "overrides", "words"),
     [
-        ("{mode: 'nobody'}", (), "zenoh.json5: Invalid configuration file"),
-        ("{", (), "zenoh.json5: Invalid configuration file"),
+        ("{mode: 'nobody'}", (), "zenoh.json5: Invalid configuration file: .*nobody"),
+        ("{", (), "zenoh.json5: Invalid configuration file: .*1:2"),
         (None, (), "zenoh.json5"),
-        ("{}", (("frobnicate", "5"),), "frobnicate is not a setting of Zenoh"),
-        ("{}", (("mode", "["),), "mode is not a setting of Zenoh"),
+        ("{}", (("frobnicate", "5"),), "frobnicate is not a setting of Zenoh: .*unknown"),
+        ("{}", (("mode", "["),), "mode is not a setting of Zenoh: its value is not JSON5"),
     ],
 )
 def test_settings_that_zenoh_refuses_are_an_error_in_one_line(
@@ -114,6 +115,36 @@ def test_settings_that_zenoh_refuses_are_an_error_in_one_line(
     with pytest.raises(UsageError, match=words) as caught:
         ZenohSettings(config_file=str(path), overrides=overrides).open()
     assert "\n" not in str(caught.value)
+    assert ".rs" not in str(caught.value), "a place in the source of Zenoh"
+
+
+@pytest.mark.parametrize("durability", list(Durability))
+@pytest.mark.parametrize("history", list(History))
+@pytest.mark.parametrize("reliability", list(Reliability))
+def test_a_publisher_is_declared_as_rmw_zenoh_does(
+    monkeypatch: pytest.MonkeyPatch, reliability: Reliability, history: History, durability: Durability
+) -> None:
+    zenoh = load_zenoh()
+    declared: list[dict[str, Any]] = []
+
+    def declare(*where: Any, **options: Any) -> Any:
+        declared.append(options | {"key": where[-1], "advanced": len(where) == 2})
+        return SimpleNamespace(undeclare=lambda: None)
+
+    monkeypatch.setattr(zenoh.ext, "declare_advanced_publisher", declare)
+    session = Session(SimpleNamespace(declare_publisher=declare, close=lambda: None))
+    session.publisher("key", Qos(reliability, durability, history, depth=7))
+    (options,) = declared
+    reliable, latched = reliability is not Reliability.BEST_EFFORT, durability is Durability.TRANSIENT_LOCAL
+    assert options["key"] == "key"
+    assert options["reliability"] == (zenoh.Reliability.RELIABLE if reliable else zenoh.Reliability.BEST_EFFORT)
+    waits = reliable and history is History.KEEP_ALL
+    assert options["congestion_control"] == (
+        zenoh.CongestionControl.BLOCK if waits else zenoh.CongestionControl.DROP
+    )
+    assert options["advanced"] is latched
+    assert ("cache" in options, "publisher_detection" in options) == (latched, latched)
+    assert ("sample_miss_detection" in options) == (latched and reliable)
 
 
 @pytest.mark.system
