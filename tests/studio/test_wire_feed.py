@@ -111,6 +111,22 @@ def test_what_the_decoder_in_use_takes_is_good_and_what_it_rejects_is_bad() -> N
         line.far.close()
 
 
+def test_what_is_kept_is_said_with_its_time_and_answers_that_the_filter_hides(line: Line) -> None:
+    for seq in range(3):
+        reply = frame_bytes(Command.STATS, bytes(60), proto=2, seq=seq, src=8, dst=7, cmd_ext=0x80)
+        for way, data in ((Direction.SENT, frame(seq)), (Direction.RECEIVED, reply)):
+            line.now += 0.25
+            line.feed._ring.feed(Passed(way, data, line.now, ""))
+    line.all_rows()
+    page = line.feed.rows(0, "request")
+    assert [row[0] for row in page["rows"]] == [1, 3, 5]
+    assert page["answers"] == [(1, 2), (3, 4), (5, 6)]
+    assert line.feed.rows(2, "request")["answers"] == [(3, 4), (5, 6)]
+    assert line.feed.rows(0, "servo 3")["answers"] == []
+    assert (page["first"], page["newest"], page["skipped"]) == (1, 6, 0)
+    assert page["span"] == 1.25
+
+
 def test_many_frames_come_in_pages(line: Line) -> None:
     line.feed._ring.feed(Passed(Direction.SENT, frame() * 2500, 1.0, ""))
     first = line.feed.rows(0)
@@ -133,7 +149,7 @@ def test_what_came_while_nobody_looked_is_left_out(line: Line) -> None:
     rows = line.all_rows()
     assert len(rows) == 2001
     assert not [row for row in rows if row[7]]
-    assert line.feed.rows(0)["note"] == "1000 transfers were left out while nobody looked."
+    assert line.feed.rows(0)["skipped"] == 1000
 
 
 def test_another_line_starts_anew(line: Line) -> None:

@@ -34,6 +34,8 @@ def test_a_file_that_is_too_large_or_no_traffic_is_refused() -> None:
         files.open("a", bytes(LARGEST_FILE + 1), "x")
     with pytest.raises(UsageError, match="x has no traffic"):
         files.open("a", b"hello\nworld\n", "x")
+    with pytest.raises(UsageError, match="x has no frame or packet"):
+        files.open("a", b"\x89PNG\r\n\x1a\n" + bytes(range(256)) * 100, "x")
     assert files.view("a") is None
 
 

@@ -9,9 +9,17 @@ from hexwire.errors import UsageError
 from hexwire.link.tap import Direction, Passed
 from hexwire.trace.filtering import parse_filter
 from hexwire.trace.traffic import Traffic
-from hexwire.wire.command_frame import Command
+from hexwire.wire.command_frame import Command, Status
 from hexwire.wire.commands import MoveRequest
-from hexwire.wire.servo_packet import make_read
+from hexwire.wire.servo_packet import (
+    BROADCAST_ID,
+    make_ping,
+    make_read,
+    make_status,
+    make_sync_read,
+    make_sync_write,
+    make_write,
+)
 
 SENT, RECEIVED = Direction.SENT, Direction.RECEIVED
 
@@ -30,6 +38,47 @@ def make_traffic() -> Traffic:
     ):
         traffic.feed(Passed(way, data, time, ""))
     return traffic
+
+
+def test_what_goes_to_all_servos_is_not_unanswered_and_errors_are_doubtful() -> None:
+    traffic = Traffic("sts_sms")
+    for way, data in (
+        (SENT, make_sync_write(0x2A, {3: b"ab", 4: b"ab"})),
+        (SENT, make_write(BROADCAST_ID, 0x28, b"\0")),
+        (SENT, make_ping(4)),
+        (RECEIVED, make_status(4, 0x20)),
+        (SENT, make_ping(3)),
+        (RECEIVED, make_status(3)),
+        (SENT, make_ping(BROADCAST_ID)),
+        (SENT, make_sync_read(0x38, 2, (5, 6))),
+    ):
+        traffic.feed(Passed(way, data, 0.0, ""))
+
+    def passing(text: str) -> list[int]:
+        return [entry.number for entry in filter(parse_filter(text), traffic)]
+
+    assert passing("unanswered") == [7, 8]
+    assert passing("doubt") == [4]
+    assert traffic.get(4).problem == "the servo reports an error"  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    ("cmd", "body", "ext", "proto"),
+    [
+        (Command.TORQUE, b"", 0x80 | Status.STOPPED, 2),
+        (Command.TRANSACT, make_status(4, 0x20), 0x80, 2),
+        (Command.READ, make_status(4, 0x20, b"ab"), 0, 1),
+    ],
+)
+def test_an_answer_that_reports_an_error_is_doubtful(cmd: int, body: bytes, ext: int, proto: int) -> None:
+    for fine in (False, True):
+        asked = frame(cmd, b"" if proto == 2 else make_read(4, 0x38, 2), proto=proto)
+        without = make_status(4, 0, b"ab") if body else b""
+        answer = frame(cmd, without if fine else body, src=8, ext=0x80 if fine and proto == 2 else ext, proto=proto)
+        traffic = Traffic()
+        for way, data in ((SENT, asked), (RECEIVED, answer)):
+            traffic.feed(Passed(way, data, 0.0, ""))
+        assert [entry.number for entry in filter(parse_filter("doubt"), traffic)] == ([] if fine else [2])
 
 
 @pytest.mark.parametrize(

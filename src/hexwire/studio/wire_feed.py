@@ -20,7 +20,7 @@ from .wire_view import SERIES, View, known_series
 
 __all__ = ["WireFeed"]
 
-_KEPT = 6000
+_KEPT = 10_000
 """Frames that are shown of the line, as many as a page keeps; about 1 kB each."""
 _BACKLOG = 2000
 """Transfers from before somebody looked that are read then."""
@@ -119,10 +119,14 @@ class WireFeed:
             self._live = _LineView(self._live.name, known)
 
     def rows(self, since: int, wanted: str = "") -> dict[str, Any]:
-        """Rows of the line with what came meanwhile, as `View.rows`; raises as it."""
+        """Rows of the line with what came meanwhile, as `View.rows`; raises as it.
+
+        And ``skipped``, the number of transfers that were left out while nobody looked.
+        """
         with self._lock:
             self._update()
-            return self._live.rows(since, wanted, self._note(), time.time() - self._clock())
+            page = self._live.rows(since, wanted, self._note(), time.time() - self._clock())
+            return {**page, "skipped": self._live.skipped}
 
     def frame(self, number: int) -> dict[str, Any]:
         """One frame of the line, as `View.frame`; raises as it."""
@@ -151,4 +155,4 @@ class WireFeed:
             return _NOTHING
         if not self._tapped:
             return _SHARED if view.name.startswith("zenoh:") else "No bytes are seen of this line."
-        return f"{view.skipped} transfers were left out while nobody looked." if view.skipped else ""
+        return ""

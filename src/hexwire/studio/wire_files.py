@@ -49,6 +49,10 @@ class _FileView(View):
                 self.traffic.feed(item._replace(data=item.data[at : at + _PIECE]))
         if not self.cut:
             self.traffic.finish()
+        if len(self.transfers) == 1 and all(entry.bad for entry in self.traffic):
+            raise UsageError(
+                f"{name} has no frame or packet: open a recording, a capture, a log, a hex dump, or bytes of a line"
+            )
 
     def rows(self, since: int, wanted: str = "", note: str = "", offset: float = 0.0) -> dict[str, Any]:
         kept = f"only the first {self.traffic.newest} frames are shown; 'hexwire trace decode' reads all"

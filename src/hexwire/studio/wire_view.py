@@ -61,15 +61,17 @@ class View:
             offset: Seconds to add to times for seconds since 1970.
 
         Returns:
-            ``rows`` as `Entry.as_row`; ``next``, the number to continue from; ``more``, whether there is more
-            already; ``first``, the oldest number that is kept; ``id``, another one for each source; its ``view``,
-            ``name`` and ``series``; ``note`` and ``offset``; ``newest``, the number of its newest frame.
+            ``rows`` as `Entry.as_row`; ``answers`` that do not pass, to requests that do, each as the numbers of
+            both; ``next``, the number to continue from; ``more``, whether there is more already; ``first``, the
+            oldest number that is kept, and ``span``, the seconds from it to the newest; ``id``, another one for
+            each source; its ``view``, ``name`` and ``series``; ``note`` and ``offset``; ``newest``, the number of
+            its newest frame.
 
         Raises:
             UsageError: The filter is wrong.
         """
         passes, traffic = parse_filter(wanted), self.traffic
-        found, reached, looked = list[Entry](), max(since, 0), 0
+        found, answers, reached, looked = list[Entry](), list[tuple[int, int]](), max(since, 0), 0
         for entry in traffic.since(since):
             looked += 1
             if looked > 5 * _PAGE or len(found) == _PAGE:
@@ -77,12 +79,20 @@ class View:
             reached = entry.number
             if passes(entry):
                 found.append(entry)
+            elif entry.answers is not None:
+                request = traffic.get(entry.answers)
+                if request is not None and passes(request):
+                    answers.append((request.number, entry.number))
+        oldest = traffic.get(traffic.newest - len(traffic) + 1)
+        newest = traffic.get(traffic.newest)
         return {
             "rows": [entry.as_row() for entry in found],
+            "answers": answers,
             "next": reached if found or looked else min(since, traffic.newest),
             "more": reached < traffic.newest,
             "first": traffic.newest - len(traffic) + 1,
             "newest": traffic.newest,
+            "span": newest.reading.time - oldest.reading.time if oldest and newest else 0.0,
             "id": self.id,
             "view": self.kind,
             "name": self.name,

@@ -8,7 +8,7 @@ Conditions are separated by blanks, and all of them must hold:
     joint_move     that command or instruction; a word that is none is searched for in the text
     "two words"    searched for in the text
     bad            no valid frame or packet
-    doubt          bad, or with a remark
+    doubt          bad, with a remark, or an answer that reports an error
     sent received request answer unanswered report frame packet
     dialect 2      frames of that dialect
     slow 20        an answer that took more than 20 ms, and its request
@@ -33,6 +33,7 @@ Condition = Callable[[Entry], bool]
 
 _LONGEST = 200
 _TOKEN = re.compile(r'(-?)(?:"([^"]*)"?|([^\s"]+))')
+_ANSWERED_BY_ALL = ("ping", "sync_read")
 _NAMES = {name.lower() for name in (*t.COMMANDS, *t.INSTRUCTIONS)} | {"status"}
 
 
@@ -43,6 +44,14 @@ def _is_answer(entry: Entry) -> bool:
 def _is_request(entry: Entry) -> bool:
     reading = entry.reading
     return reading.kind in ("frame", "packet") and not reading.answer and not _is_report(reading)
+
+
+def _is_awaited(entry: Entry) -> bool:
+    """Whether somebody answers it: no servo answers what goes to all, but for a ping and a read of several."""
+    reading = entry.reading
+    if reading.kind == "packet":
+        return reading.data[2] != t.BROADCAST_ID or entry.name in _ANSWERED_BY_ALL
+    return not (reading.data[33] == t.PROTO_CHAPTER and entry.name == "sync_write")
 
 
 def _is_report(reading: FrameReading) -> bool:
@@ -60,7 +69,7 @@ _WORDS: dict[str, Condition] = {
     "request": _is_request,
     "answer": _is_answer,
     "report": lambda entry: _is_report(entry.reading),
-    "unanswered": lambda entry: _is_request(entry) and entry.answered is None,
+    "unanswered": lambda entry: _is_request(entry) and entry.answered is None and _is_awaited(entry),
 }
 
 

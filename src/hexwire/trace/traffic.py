@@ -16,6 +16,7 @@ from itertools import accumulate, islice
 from typing import Any
 
 from hexwire.link.tap import Direction, Passed
+from hexwire.wire.tables import EXT_STATUS_MASK, PROTO_HEXWIRE
 
 from .explain import doubt
 from .line_reader import LineReader
@@ -276,7 +277,9 @@ class Traffic:
 
     def _add(self, reading: FrameReading) -> None:
         self._number += 1
-        entry = Entry(self._number, reading, doubt(reading), _servos(reading, self._lines.reader), _name(reading))
+        reader = self._lines.reader
+        problem = doubt(reading) or _reported(reading, reader)
+        entry = Entry(self._number, reading, problem, _servos(reading, reader), _name(reading))
         asked = reading.answers
         request = None if asked is None else self._places.get((asked.way, asked.start))
         if request is not None:
@@ -311,6 +314,19 @@ def _name(reading: FrameReading) -> str:
     if reading.kind == "packet" and not reading.answer and reading.data[1] == 0xFF:
         return str(reader.tables["instructions"].get(reading.data[4], "")).replace(" ", "_")
     return "status" if reading.kind == "packet" else ""
+
+
+def _reported(reading: FrameReading, reader: Reader) -> str:
+    """What an answer says went wrong, in general words; empty if nothing did. Its text has the error."""
+    if not reading.answer:
+        return ""
+    data, packet = reading.data, reading.data if reading.kind == "packet" else b""
+    if reading.kind == "frame":
+        if data[33] == PROTO_HEXWIRE and data[39] & EXT_STATUS_MASK:
+            return "the board reports an error"
+        inner = reader.inner_packet(data, data[HEAD_SIZE : HEAD_SIZE + u16(data, 36)], from_board=True)
+        packet = b"" if inner is None else inner.packet
+    return "" if not packet or packet_problem(packet) or not packet[4] else "the servo reports an error"
 
 
 def _servos(reading: FrameReading, reader: Reader) -> tuple[int, ...]:

@@ -569,10 +569,13 @@ type WireRow = [number, number, number, string, number, string, string, number, 
 
 interface WireRows {
     rows: WireRow[];
+    answers: [number, number][];
     next: number;
     more: boolean;
     first: number;
     newest: number;
+    span: number;
+    skipped?: number;
     id: string;
     view: "live" | "file";
     name: string;

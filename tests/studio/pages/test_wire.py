@@ -6,13 +6,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from tests.frames import frame_bytes
 from tests.studio.running import PATIENCE, PICTURES
 
 from hexwire.link.tap import Direction, Passed
 from hexwire.trace.sources import read_traffic
+from hexwire.wire.command_frame import Command, Status
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page, ViewportSize
+    from playwright.sync_api import Browser, Locator, Page, ViewportSize
     from tests.studio.running import RunningStudio
 
 CAPTURES = Path(__file__).parents[3] / "vectors" / "captures"
@@ -47,6 +49,11 @@ def wire(page: Page) -> Page:
     return page
 
 
+def press(row: Locator) -> None:
+    """Press a row; Playwright's own click would scroll to one that is out of sight."""
+    row.evaluate("(row) => row.dispatchEvent(new PointerEvent('pointerdown', { bubbles: true })) && row.click()")
+
+
 def open_file(page: Page, name: str) -> None:
     page.get_by_label("Open a recording, capture or log").set_input_files(CAPTURES / name)
     page.get_by_text(name).wait_for()
@@ -76,9 +83,10 @@ def test_live_frames_are_saved_filtered_and_paused(wire: Page, tmp_path: Path) -
     shown = frames.inner_text()
     wire.wait_for_timeout(300)
     assert frames.inner_text() == shown
+    # Another filter is one for what comes, too.
     wire.get_by_label("Filter", exact=True).fill("servo")
-    wire.get_by_role("button", name="Go on").click()
     wire.get_by_text("servo needs a number").wait_for()
+    wire.get_by_role("button", name="Pause").wait_for()
 
 
 @pytest.mark.slow
@@ -158,9 +166,119 @@ def test_frames_have_the_room_until_one_is_selected(wire: Page) -> None:
     wire.wait_for_function(
         f"document.querySelectorAll('.hw-wire-row:not([hidden])').length > 5 && ({share})() > 0.7"
     )
-    wire.locator(".hw-wire-row:not([hidden])").first.dispatch_event("pointerdown")
-    wire.locator(".hw-wire-row:not([hidden])").first.dispatch_event("click")
+    press(wire.locator(".hw-wire-row:not([hidden])").first)
     wire.wait_for_function(f"({share})() < 0.6")
+
+
+def test_the_list_stays_at_a_frame_that_is_read_until_it_is_closed(wire: Page) -> None:
+    wire.wait_for_function("document.querySelector('.hw-wire-inner').clientHeight > 1200")
+    top, status = "document.querySelector('.hw-wire-list').scrollTop", wire.locator(".hw-wire-status")
+    for ends in ("Close", "Follow"):
+        press(wire.locator(".hw-wire-row:not([hidden])").last)
+        status.get_by_text("stays at frame").wait_for()
+        wire.evaluate(PICTURES)
+        before = wire.evaluate(top)
+        height = wire.evaluate("document.querySelector('.hw-wire-inner').clientHeight")
+        wire.wait_for_function(f"document.querySelector('.hw-wire-inner').clientHeight > {height + 440}")
+        assert wire.evaluate(top) == before
+        assert wire.get_by_label("Follow").is_checked()
+        if ends == "Close":
+            wire.get_by_role("button", name="Close", exact=True).click()
+        else:
+            wire.get_by_label("Follow").uncheck()
+            wire.get_by_label("Follow").check()
+        wire.wait_for_function(f"{top} > {before + 300}")
+
+
+def test_a_filter_that_no_frame_passes_says_so_and_is_removed_by_a_click(wire: Page) -> None:
+    box, nothing = wire.get_by_label("Filter", exact=True), wire.locator(".hw-wire-nothing")
+    box.fill("servo_torque")
+    nothing.get_by_text('No frame of these is "servo_torque"').wait_for()
+    # It stays so while another page is looked at, and when the page is loaded again.
+    wire.get_by_role("navigation", name="Pages").get_by_role("link", name="Signals", exact=True).click()
+    wire.get_by_role("navigation", name="Pages").get_by_role("link", name="Wire", exact=True).click()
+    nothing.wait_for()
+    wire.reload()
+    nothing.wait_for()
+    assert box.input_value() == "servo_torque"
+    wire.get_by_label("Problems").check()
+    nothing.get_by_text('is "servo_torque" and a problem').wait_for()
+    wire.get_by_role("button", name="Remove the filter").click()
+    wire.get_by_role("option", name="JOINT_STATE").first.wait_for()
+    nothing.wait_for(state="hidden")
+    assert (box.input_value(), wire.get_by_label("Problems").is_checked()) == ("", False)
+
+
+def test_problems_are_what_is_damaged_has_a_remark_or_reports_an_error(wire: Page, studio: RunningStudio) -> None:
+    wire.get_by_label("Problems").check()
+    wire.locator(".hw-wire-nothing").get_by_text("is a problem").wait_for()
+    ring = studio.studio.wire._ring
+    (_, sample) = next(row for row in ring.since(0) if row[1].direction is Direction.RECEIVED)
+    refused = frame_bytes(Command.TORQUE, b"", proto=2, seq=1, src=8, dst=7, cmd_ext=0x80 | Status.STOPPED)
+    ring.feed(sample._replace(data=sample.data[:40] + b"????" + sample.data[44:] + refused))
+    rows = wire.locator(".hw-wire-row:not([hidden])")
+    rows.nth(1).wait_for()
+    assert "bad frame" in rows.nth(0).inner_text()
+    assert "TORQUE reply stopped" in rows.nth(1).inner_text()
+    assert rows.count() == 2
+
+
+def test_an_answer_that_the_filter_hides_is_known_to_its_request(wire: Page) -> None:
+    wire.get_by_label("Filter", exact=True).fill("request joint_state")
+    wire.wait_for_function(
+        "/^▸\\d+$/.test(document.querySelector('.hw-wire-row:not([hidden]) .hw-wire-took')?.textContent)"
+    )
+
+
+def test_rows_bytes_and_fields_are_copied(wire: Page) -> None:
+    open_file(wire, "cut-frame.pcapng")
+    detail = wire.get_by_role("region", name="The selected frame")
+    detail.get_by_text("Answered by 2").wait_for()
+    wire.evaluate(
+        """window.addEventListener("copy", (event) => {
+            window.copied = event.clipboardData.getData("text/plain");
+        })"""
+    )
+    found = {}
+    for role, name in (("listbox", "Frames"), ("listbox", "Bytes of the frame"), ("tree", "Layers and fields")):
+        wire.get_by_role(role, name=name).focus()  # type: ignore[arg-type]
+        wire.keyboard.press("Control+c")
+        found[name] = wire.evaluate("window.copied")
+    detail.get_by_role("button", name="Copy").click()
+    whole = wire.evaluate("window.copied")
+    row, hexed, field = found.values()
+    assert row.startswith("1  ")
+    assert "  sent  1 READ" in row
+    assert hexed.startswith("5A FA FA 5A ")
+    assert field.startswith("cmd  ")
+    assert whole == f"{row}\n{hexed}"
+
+
+def test_the_words_of_the_filter_are_closed_by_a_press_elsewhere_or_escape(wire: Page) -> None:
+    words, meaning = wire.get_by_text("Words", exact=True), wire.get_by_text("names servo 3")
+    for close in (lambda: wire.get_by_label("Filter", exact=True).click(), lambda: wire.keyboard.press("Escape")):
+        words.click()
+        meaning.wait_for()
+        close()
+        meaning.wait_for(state="hidden")
+
+
+@pytest.mark.slow
+def test_without_a_connection_nothing_is_live(studio: RunningStudio, browser: Browser) -> None:
+    context = browser.new_context(bypass_csp=True)
+    context.set_default_timeout(1000 * PATIENCE)
+    try:
+        page = context.new_page()
+        page.goto(studio.operate_url.replace("/?", "/wire?"))
+        page.locator(".hw-wire-status").get_by_text("live: ").wait_for()
+        # As a studio that was started again: it does not know the sessions of the one before.
+        for key in list(studio.studio.access._sessions):
+            studio.studio.access.leave(key)
+        page.locator(".hw-wire-status").get_by_text("no connection to the studio").wait_for()
+        page.locator("#hw-banner").get_by_text("does not know this page any more").wait_for()
+        assert page.get_by_label("Filter", exact=True).get_attribute("aria-invalid") != "true"
+    finally:
+        context.close()
 
 
 def test_a_press_on_a_frame_selects_it_although_the_list_moves_on(wire: Page) -> None:
@@ -207,10 +325,7 @@ def test_follow_keeps_its_state_until_somebody_ticks_it_or_scrolls_back(wire: Pa
         grown()
         wire.get_by_role("button", name="Clear").click()
         grown()
-        # Playwright's own click would scroll back to a row that is out of sight.
-        frames.locator(".hw-wire-row:not([hidden])").last.evaluate(
-            "(row) => row.dispatchEvent(new PointerEvent('pointerdown', { bubbles: true })) && row.click()"
-        )
+        press(frames.locator(".hw-wire-row:not([hidden])").last)
         grown()
         wire.set_viewport_size({"width": 1024, "height": 700 + 50 * ticked})
         grown()

@@ -43,6 +43,7 @@ let leaving = false; // it was given back here
 let leader = null; // what was said last
 /** @type {{ told: Run, at: number } | null} */
 let run = null; // the motion that goes on, and when that was said
+let stranger = false; // the studio that answers at this address has not this page's session
 let heard = -Infinity; // when the studio said something last
 
 /** @type {Hexwire} */
@@ -181,7 +182,10 @@ function open() {
   const mine = new WebSocket(`${scheme}://${location.host}/live?tab=${encodeURIComponent(key)}`);
   mine.binaryType = "arraybuffer";
   socket = mine;
+  let opened = false;
   mine.onopen = () => {
+    opened = true;
+    stranger = false;
     retry = 200;
     seen = 0;
     tell("link", true);
@@ -201,6 +205,15 @@ function open() {
     if (event.code === 4404) {
       location.reload(); // the server has forgotten this page
       return;
+    }
+    if (!opened) {
+      fetch("/static/studio.css", { cache: "no-store" }).then(
+        ({ status }) => {
+          stranger = status === 401;
+          header(hexwire.facts || NOTHING);
+        },
+        () => {},
+      );
     }
     setTimeout(open, retry);
     retry = Math.min(2 * retry, 3000);
@@ -572,7 +585,8 @@ function header(facts) {
   document.body.classList.toggle("hw-stopped", arm && facts.stopped !== "");
   let lasting = "";
   // What to do comes first: on a phone, what is at the end may be out of sight.
-  if (!link) lasting = `No connection to the studio: switch the arm's power off. STOP will try another way${since(facts)}`;
+  if (!link && stranger) lasting = "The studio does not know this page any more, perhaps since it was started again: open its new address. STOP may be refused: switch the arm's power off";
+  else if (!link) lasting = `No connection to the studio: switch the arm's power off. STOP will try another way${since(facts)}`;
   else if (!hexwire.heard && since(facts)) lasting = `The studio does not answer: switch the arm's power off. STOP will be tried${since(facts)}`;
   else if (arm && !facts.connected) lasting = `${bus ? "The servo bus cannot be read" : "The arm is not connected"}: ${facts.error}${since(facts)}`;
   else if (facts.mode === "arm" && !known) lasting = `The arm is silent: it may do anything. STOP will be tried${since(facts)}`;

@@ -4,13 +4,15 @@
 import { chips } from "./forms.js";
 import hexwire, { required } from "./live.js";
 import { ask, save, withQuery } from "./columns.js";
-import { loadSheet, node, whyOf } from "./widgets.js";
+import { loadSheet, node, put, whyOf } from "./widgets.js";
 import { Detail } from "./wire_detail.js";
-import { FrameList, NUMBER } from "./wire_list.js";
+import { FrameList, NUMBER, asText } from "./wire_list.js";
 
 const PERIOD = 100; // ms between two questions for rows
 const FOLLOW = "hexwire-wire-follow";
 const HIDDEN = "hexwire-wire-hidden";
+const DOUBT = "hexwire-wire-doubt";
+const FILTER = "hexwire-wire-filter";
 // Each frame is of one kind.
 const KINDS = [
   { key: "request", text: "requests" },
@@ -30,7 +32,7 @@ const HELP = [
   ["servo 3", "names servo 3; servo 3,4 one of both"],
   ["joint_move", "that command or instruction; another word, such as error, is searched for in the text"],
   ['"two words"', "searched for in the text"],
-  ["bad", "no valid frame or packet; doubt also what has a remark"],
+  ["bad", "no valid frame or packet; doubt also what has a remark or reports an error"],
   ["sent, received, unanswered, frame, packet", "what they say; so do request, answer and report"],
   ["dialect 2", "frames of that dialect"],
   ["slow 20", "answers after more than 20 ms, and their requests"],
@@ -72,6 +74,7 @@ class WirePage {
   pauseButton = button("Pause", () => this.setPaused(!this.paused), { "aria-pressed": "false" });
   followBox = node("input", { type: "checkbox", checked: true });
   followLabel = node("label", { class: "hw-wire-label" }, this.followBox, " Follow");
+  doubtBox = node("input", { type: "checkbox", checked: sessionStorage.getItem(DOUBT) === "1", onchange: () => this.setFilter(0) });
   seriesBox = node("select");
   fileBox = node("input", { type: "file", class: "hw-wire-file", "aria-label": "Open a recording, capture or log" });
   liveButton = button("Back to the line", () => this.backToLine(), { hidden: true });
@@ -79,6 +82,9 @@ class WirePage {
   refusal = node("span", { class: "hw-wire-error", role: "alert" });
   status = node("span", { class: "hw-wire-status" });
   note = node("p", { class: "hw-wire-note", hidden: true });
+  nothingText = node("p", { role: "status" });
+  allButton = button("Remove the filter", () => this.removeFilter());
+  nothing = node("div", { class: "hw-wire-nothing", hidden: true }, this.nothingText, this.allButton);
   listBox = node("div", { class: "hw-wire-list", role: "listbox", tabindex: "0", "aria-label": "Frames" });
   // On a phone a sheet, which each of its buttons closes; elsewhere its parts stand in the bar.
   sheet = node("div", { id: "hw-wire-more", popover: "auto" });
@@ -91,6 +97,8 @@ class WirePage {
   constructor(root, tab) {
     this.root = root;
     this.tab = tab;
+    // As they were left: the page is made anew each time that somebody comes to it.
+    this.filterBox.value = sessionStorage.getItem(FILTER) ?? "";
     this.build();
     this.filter = this.wanted();
     this.list = new FrameList(this.listBox, {
@@ -100,9 +108,11 @@ class WirePage {
         sessionStorage.setItem(FOLLOW, follow ? "1" : "0");
       },
     });
-    // As it was left: the page is made anew each time that somebody comes to it.
     this.list.setFollow(sessionStorage.getItem(FOLLOW) !== "0");
-    this.followBox.addEventListener("change", () => this.list.setFollow(this.followBox.checked));
+    this.followBox.addEventListener("change", () => {
+      this.list.setFollow(this.followBox.checked);
+      if (this.followBox.checked && this.list.selected) this.close();
+    });
     this.detail = new Detail(this.detailBox, { onSelect: (number) => this.list.select(number), onClose: () => this.close() });
     this.poll();
   }
@@ -116,13 +126,23 @@ class WirePage {
     const help = node("dl", { class: "hw-wire-help" });
     for (const [word, text] of HELP) help.append(node("dt", {}, word), node("dd", {}, text));
     const shut = { popovertarget: this.sheet.id, popovertargetaction: "hide" };
+    const guide = node("details", { class: "hw-wire-guide" }, node("summary", {}, "Words"), help);
+    const away = (/** @type {Event} */ event) => {
+      if (!this.root.isConnected) document.removeEventListener("pointerdown", away);
+      else if (!(event.target instanceof Node && guide.contains(event.target))) guide.open = false;
+    };
+    document.addEventListener("pointerdown", away);
+    guide.addEventListener("keydown", (event) => {
+      if (event.key === "Escape") guide.open = false; // it stops the arm, too
+    });
+    const kept = { title: "All that the studio has kept of the line, at most two minutes; of a file, all of it" };
     this.sheet.append(
-      node("details", { class: "hw-wire-guide" }, node("summary", {}, "Words"), help),
+      guide,
       button("Clear", () => this.clear(), shut),
       node("label", { class: "hw-wire-label" }, "Servos ", this.seriesBox),
       node("label", { class: "hw-button hw-wire-open" }, "Open file", this.fileBox),
-      button("Save MCAP", () => this.save("mcap"), shut),
-      button("Save pcapng", () => this.save("pcapng"), shut),
+      button("Save MCAP", () => this.save("mcap"), { ...shut, ...kept }),
+      button("Save pcapng", () => this.save("pcapng"), { ...shut, ...kept }),
     );
     this.root.replaceChildren(
       node("div", { class: "hw-wire-bar" },
@@ -130,13 +150,14 @@ class WirePage {
         node("button", { type: "button", class: "hw-button hw-wire-phone", popovertarget: this.sheet.id }, "More"),
         this.sheet),
       node("div", { class: "hw-wire-line" },
-        this.liveButton, this.pauseButton, this.followLabel, this.kinds(), this.status, this.problem, this.refusal),
+        this.liveButton, this.pauseButton, this.followLabel, this.kinds(),
+        node("label", { class: "hw-wire-label" }, this.doubtBox, " Problems"), this.status, this.problem, this.refusal),
       this.note,
       node("div", { class: "hw-wire-panes" },
         node("div", { class: "hw-wire-left" },
           node("div", { class: "hw-wire-columns", "aria-hidden": "true" },
             ...["No.", "Time", "", "Frame", "Answer"].map((text) => node("span", {}, text))),
-          this.listBox),
+          this.nothing, this.listBox),
         this.detailBox),
     );
     this.root.addEventListener("dragover", (event) => event.preventDefault());
@@ -144,6 +165,8 @@ class WirePage {
       event.preventDefault();
       this.openFile(event.dataTransfer?.files[0]);
     });
+    hexwire.onLink((linked) => linked || this.tell("no connection to the studio"), this.root);
+    this.root.addEventListener("copy", (event) => this.copied(event));
     const seen = () => (this.root.isConnected ? this.poll() : document.removeEventListener("visibilitychange", seen));
     document.addEventListener("visibilitychange", seen);
     // The panes end at the bottom of the window, whatever the header needs.
@@ -169,7 +192,7 @@ class WirePage {
 
   /** What a frame must be: of a kind that is shown, and what was typed. */
   wanted() {
-    return [...this.hidden.map((kind) => `not ${kind}`), this.filterBox.value].join(" ");
+    return [...this.hidden.map((kind) => `not ${kind}`), ...(this.doubtBox.checked ? ["doubt"] : []), this.filterBox.value].join(" ");
   }
 
   // -- asking the studio -----------------------------------------------------------------------------------
@@ -192,7 +215,7 @@ class WirePage {
       if (page.more) wait = 0;
     } catch (error) {
       if (this.asking !== turn) return;
-      this.fail(whyOf(error));
+      if (hexwire.connected) this.fail(whyOf(error));
       wait = SLOW;
     }
     this.asking = null;
@@ -214,7 +237,7 @@ class WirePage {
     this.since = page.next;
     this.list.live = page.view === "live";
     this.offset = this.list.offset = page.offset;
-    this.list.push(page.rows);
+    this.list.push(page.rows, page.answers);
     // Unless a frame would take the room of the list.
     if (page.view === "file" && !this.list.selected && this.list.rows.length && this.detailBox.clientWidth) {
       this.list.select(this.list.rows[0][NUMBER]);
@@ -230,16 +253,30 @@ class WirePage {
       this.rate.number = page.newest;
       this.rate.time = now;
     }
-    const shown = `${this.list.rows.length} of ${page.newest} frames`;
-    const where = page.view === "file" ? page.name : page.name ? `live: ${page.name}` : "";
-    const rate = page.view === "live" && page.name && this.rate.value >= 0 ? `${this.rate.value.toFixed(0)} frames/s` : "";
-    this.status.textContent = [where, shown, rate].filter(Boolean).join(", ");
+    const kept = page.newest - page.first + 1, live = page.view === "live";
+    const span = page.span >= 1 ? `${live ? "the last " : ""}${page.span.toFixed(0)} s` : "";
+    const where = live ? page.name && `live: ${page.name}` : page.name;
+    const rate = live && page.name && this.rate.value >= 0 ? `${this.rate.value.toFixed(0)} frames/s` : "";
+    const left = page.skipped ? `${page.skipped} transfers before were not read` : "";
+    const stays = live && this.list.selected && this.list.follow ? `stays at frame ${this.list.selected} until Close` : "";
+    this.tell(where, `${this.list.rows.length} of ${kept} frames`, span, rate, left, stays);
+    this.nothing.hidden = this.list.rows.length > 0 || !kept || page.more;
+    if (!this.nothing.hidden) {
+      const asked = [this.filterBox.value && `"${this.filterBox.value}"`, this.doubtBox.checked && "a problem"].filter(Boolean).join(" and ");
+      put(this.nothingText, `No frame of ${this.hidden.length ? "the kinds that are shown" : live ? "these" : "the file"}${asked && ` is ${asked}`}`);
+      this.allButton.hidden = !asked;
+    }
     this.note.textContent = page.note;
     this.note.hidden = !page.note;
     this.liveButton.hidden = page.view !== "file";
     // A file does not go on.
     this.pauseButton.hidden = this.followLabel.hidden = page.view === "file";
     if (document.activeElement !== this.seriesBox) this.seriesBox.value = page.series;
+  }
+
+  /** @param {string[]} words */
+  tell(...words) {
+    put(this.status, words.filter(Boolean).join(", "));
   }
 
   /** @param {string} text */
@@ -261,17 +298,40 @@ class WirePage {
     }
   }
 
+  /**
+   * What is copied while nothing is marked: the row, the bytes or the field that has the focus.
+   * @param {ClipboardEvent} event
+   */
+  copied(event) {
+    const row = this.list.find(this.list.selected);
+    const text = event.target === this.listBox ? row && asText(row, this.offset) : this.detail.copied(event.target);
+    if (!text || document.getSelection()?.type === "Range") return;
+    event.clipboardData?.setData("text/plain", text);
+    event.preventDefault();
+  }
+
   // -- what one does ---------------------------------------------------------------------------------------
 
   setFilter(wait = 150) {
     clearTimeout(this.typing);
+    sessionStorage.setItem(FILTER, this.filterBox.value);
+    sessionStorage.setItem(DOUBT, this.doubtBox.checked ? "1" : "0");
     this.typing = setTimeout(() => {
       this.filter = this.wanted();
       this.again();
     }, wait);
   }
 
+  removeFilter() {
+    this.filterBox.value = "";
+    this.doubtBox.checked = false;
+    this.setFilter(0);
+    this.filterBox.focus();
+  }
+
+  /** What is shown now passes another filter, so it is asked for anew; a pause ends by that. */
   again() {
+    if (this.paused) this.setPaused(false);
     this.since = 0;
     this.asking = null;
     const selected = this.list.selected;
@@ -297,6 +357,7 @@ class WirePage {
   /** @param {boolean} paused */
   setPaused(paused) {
     this.paused = paused;
+    if (paused) this.tell("paused; the traffic goes on and is kept");
     this.pauseButton.textContent = paused ? "Go on" : "Pause";
     this.pauseButton.setAttribute("aria-pressed", paused ? "true" : "false");
     this.poll();

@@ -1,7 +1,7 @@
 // One frame: its bytes, and the tree of its layers and fields. Pick a byte and see its field, pick a field and see its
 // bytes, by mouse or by keyboard.
 
-import { BAD, PROBLEM, REQUEST, SENT, SIZE, TEXT, TIME, clock } from "./wire_list.js";
+import { BAD, PROBLEM, REQUEST, SENT, SIZE, TEXT, TIME, asText, clock } from "./wire_list.js";
 import { node, put, within } from "./widgets.js";
 
 const SELECT = "Select a frame in the list to see its bytes and fields here.";
@@ -42,6 +42,7 @@ export class Detail {
   /** @type {HTMLElement[]} */
   cells = []; // of the bytes
   byte = 0;
+  offset = 0;
 
   /**
    * @param {HTMLElement} element
@@ -54,7 +55,9 @@ export class Detail {
     this.info = node("div", { class: "hw-wire-info", "aria-live": "polite" });
     this.tree = node("div", { class: "hw-wire-tree", tabindex: 0, role: "tree", "aria-label": "Layers and fields of the frame" });
     element.append(
-      node("button", { type: "button", class: "hw-button hw-wire-phone", onclick: onClose }, "Close"),
+      node("div", { class: "hw-wire-tools" },
+        node("button", { type: "button", class: "hw-button", onclick: () => this.copy() }, "Copy"),
+        node("button", { type: "button", class: "hw-button", onclick: onClose }, "Close")),
       this.head, this.bytes, this.info, this.tree,
     );
     this.bytes.addEventListener("keydown", (event) => this.byteKey(event));
@@ -86,6 +89,7 @@ export class Detail {
   show(data, offset) {
     const before = this.chosen && this.chosen.start;
     this.data = data;
+    this.offset = offset;
     this.parts = [];
     this.collect(data.tree, 1, null);
     this.bytes.hidden = this.tree.hidden = this.info.hidden = false;
@@ -199,6 +203,31 @@ export class Detail {
         put(part.item.children[0], closed.has(part.name) ? "▸" : "▾");
       }
     }
+  }
+
+  /**
+   * What is copied of the frame from the element with the focus; empty if that is none of its.
+   * @param {EventTarget | null} from
+   */
+  copied(from) {
+    if (from === this.bytes) return this.hex();
+    return from === this.tree && this.chosen ? `${this.chosen.name}  ${this.chosen.words || ""}`.trim() : "";
+  }
+
+  hex() {
+    return (this.data?.hex.match(/../g) || []).join(" ").toUpperCase();
+  }
+
+  /** Copy the frame, also where the page is not from this computer: there is no navigator.clipboard without TLS. */
+  copy() {
+    if (!this.data) return;
+    const text = `${asText(this.data.row, this.offset)}\n${this.hex()}`;
+    const give = (/** @type {ClipboardEvent} */ event) => {
+      event.clipboardData?.setData("text/plain", text);
+      event.preventDefault();
+    };
+    document.addEventListener("copy", give, { once: true });
+    document.execCommand("copy");
   }
 
   // -- choosing ------------------------------------------------------------------------------------------

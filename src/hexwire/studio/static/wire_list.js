@@ -3,13 +3,14 @@
 
 import { node, put, within } from "./widgets.js";
 
-const MOST = 10000; // rows of a file
-const MOST_LIVE = 6000; // as many as the studio keeps of the line
+const MOST = 10000; // rows, as many as the studio keeps of the line
 const SPARE = 8; // rows above and below what is visible
-const FEW = 4; // a list that is not higher stays where the selected frame is
 
 // Places in a row, as traffic.py writes it.
 export const NUMBER = 0, TIME = 1, SENT = 2, KIND = 3, SIZE = 4, TEXT = 5, PROBLEM = 6, BAD = 7, REQUEST = 8, TOOK = 9;
+
+const DULL = /time_us \d+, fields \d+, |, spare 0/g; // the frame itself has them; here they hide what changes
+const REPORT = /^2 \w+ report /; // what a board sends by itself, again and again
 
 /**
  * @param {number} seconds
@@ -24,6 +25,14 @@ export function clock(seconds, offset) {
   const milli = String(date.getMilliseconds()).padStart(3, "0");
   return `${two(date.getHours())}:${two(date.getMinutes())}:${two(date.getSeconds())}.${milli}`;
 }
+
+/**
+ * A row as a line of text.
+ * @param {WireRow} row
+ * @param {number} offset
+ */
+export const asText = (row, offset) =>
+  [row[NUMBER], clock(row[TIME], offset), row[SENT] ? "sent" : "received", row[TEXT], row[PROBLEM]].filter(Boolean).join("  ");
 
 /**
  * The element of a row, the cells in it, and what they show.
@@ -102,22 +111,25 @@ export class FrameList {
     this.draw();
   }
 
-  /** @param {WireRow[]} rows */
-  push(rows) {
-    if (!rows.length) return;
+  /**
+   * @param {WireRow[]} rows
+   * @param {[number, number][]} answers that are not among the rows, after their requests
+   */
+  push(rows, answers) {
+    for (const [request, answer] of answers) this.answers.set(request, answer);
+    if (!rows.length && !answers.length) return;
     for (const row of rows) {
       this.rows.push(row);
       if (row[REQUEST]) this.answers.set(row[REQUEST], row[NUMBER]);
     }
-    const most = this.live ? MOST_LIVE : MOST;
-    if (this.rows.length > most + 1000) {
-      const gone = this.rows.splice(0, this.rows.length - most);
+    if (this.rows.length > MOST + 1000) {
+      const gone = this.rows.splice(0, this.rows.length - MOST);
       for (const row of gone) this.answers.delete(row[NUMBER]);
       const above = gone.length * this.height;
       if (!this.goesOn || this.touched) this.element.scrollTop -= above;
       this.placed -= above;
     }
-    this.grown = true;
+    this.grown = rows.length > 0 || this.grown;
     this.draw();
   }
 
@@ -210,9 +222,9 @@ export class FrameList {
     this.draw();
   }
 
-  /** Whether it goes along with new rows: what is no more than the surroundings of a frame does not. */
+  /** Whether it goes along with new rows: it stays where a frame is read. */
   get goesOn() {
-    return this.follow && this.live && this.element.clientHeight > FEW * this.height;
+    return this.follow && this.live && !this.selected;
   }
 
   draw() {
@@ -274,8 +286,9 @@ export class FrameList {
     if (line.key === key) return;
     line.key = key;
     const { element, cells: [numberCell, time, way, text, took] } = line;
+    const report = REPORT.test(row[TEXT]) ? " hw-wire-report" : "";
     const level = row[BAD] ? " hw-wire-bad" : row[PROBLEM] ? " hw-wire-doubt" : "";
-    element.className = `hw-wire-row${level}${selected ? " hw-wire-selected" : ""}${partner ? " hw-wire-partner" : ""}`;
+    element.className = `hw-wire-row${report}${level}${selected ? " hw-wire-selected" : ""}${partner ? " hw-wire-partner" : ""}`;
     element.hidden = false;
     element.id = `hw-wire-${number}`;
     element.dataset.number = String(number);
@@ -286,7 +299,7 @@ export class FrameList {
     put(time, clock(row[TIME], this.offset));
     put(way, row[SENT] ? "→" : "←");
     way.title = row[SENT] ? "sent" : "received";
-    put(text, row[TEXT]);
+    put(text, row[TEXT].replace(DULL, ""));
     text.title = row[PROBLEM] || row[TEXT];
     const ms = row[TOOK];
     put(took, ms !== null ? `${ms.toFixed(2)} ms` : answer ? `▸${answer}` : "");
