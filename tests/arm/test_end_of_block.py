@@ -76,3 +76,31 @@ def test_the_end_of_the_block_ends_the_motion_of_a_verb_in_another_thread(
         assert left == [(False, stops)]
         assert [type(error) for error in raised] == [StoppedError if stops else UsageError]
         assert stops or "the motion was ended before it arrived" in str(raised[0])
+
+
+@few("kind, way", product(KINDS | TIMED, WAYS), *product(["board"], WAYS))
+def test_who_is_asked_by_a_program_may_end_the_block_without_waiting_for_that_program(
+    kind: str, way: str, tmp_path: Path
+) -> None:
+    leave, _ = WAYS[way]
+    raised: list[HexwireError] = []
+    with connected(kind, tmp_path) as arm:
+        file = tmp_path / "program.toml"
+        file.write_text('[[steps]]\nask = "go on?"\n[[steps]]\npose = "home"\n')
+
+        def ask(text: str) -> None:
+            with suppress(ValueError, KeyboardInterrupt):
+                leave(arm)
+
+        def play() -> None:
+            try:
+                arm.play(file, ask=ask)
+            except HexwireError as error:
+                raised.append(error)
+
+        thread = threading.Thread(target=play, daemon=True)
+        thread.start()
+        thread.join(PATIENCE)
+        assert not thread.is_alive()
+        assert len(raised) == 1
+        assert not arm.driver.is_attached

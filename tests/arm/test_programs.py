@@ -9,6 +9,7 @@ import math
 import tempfile
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -74,6 +75,16 @@ def test_the_steps_are_run_in_their_order_and_from_any_of_them(arm: Arm, folder:
     asked.clear()
     arm.play(file, step=5, repeat=2, ask=lambda text: asked.append((text, first(arm))))
     assert [text for text, _ in asked] == ["played", "one", "again", "again", "played"]
+
+
+def test_a_pause_takes_its_seconds(arm: Arm, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    slept: list[float] = []
+    options = replace(arm._front.options, clock=lambda: sum(slept), sleep=slept.append)
+    monkeypatch.setattr(arm, "_front", replace(arm._front, options=options))
+    times: list[float] = []
+    file = written(folder, 'ask = "before"', "wait = 20", 'ask = "after"')
+    arm.play(file, ask=lambda text: times.append(sum(slept)))
+    assert times == [0.0, pytest.approx(20.0)]
 
 
 def test_what_is_wrong_with_any_step_is_said_before_the_first_one_begins(arm: Arm, folder: Path) -> None:

@@ -33,6 +33,7 @@ from hexwire.control.motion.motion_options import MotionOptions
 from hexwire.control.motion.motions import MotionResult, check_path, run_motion
 from hexwire.drivers.base import RobotDriver
 from hexwire.drivers.registry import make_driver
+from hexwire.drivers.timed_path import TimedPoint
 from hexwire.errors import HexwireError, LeaseError, LimitError, StoppedError, UsageError
 from hexwire.model.state import JointTarget
 from hexwire.motion.through import arm_path
@@ -450,6 +451,22 @@ def test_what_is_recorded_while_it_moves_is_played(arm: Arm, tmp_path: Path) -> 
     assert result.rest is not None
 
 
+def test_a_path_that_an_earlier_program_left_goes_on_beside_a_motion_of_other_joints(tmp_path: Path) -> None:
+    with connected("board", tmp_path) as arm:
+        arm.home()
+        path = arm.driver.path(["J1", "J2"], outlives=True)  # type: ignore[attr-defined]  # a board has paths
+        here = arm.read()
+        start, rest = tuple(here[name].position for name in path.joints), (0.0, 0.0)
+        path.send([TimedPoint(6.0 * i, start, rest) for i in range(10)], last=True)
+        path.start()
+        assert arm.move({"J4": deg(2)}, relative=True).arrived
+        with pytest.raises(UsageError, match="still moving: J2"):
+            arm.move({"J1": deg(2)}, relative=True)
+        assert arm.driver.left_path() == ("J1", "J2")  # type: ignore[attr-defined]
+        assert arm.move({"J1": deg(2), "J2": deg(2)}, relative=True).arrived
+        assert arm.driver.left_path() == ()  # type: ignore[attr-defined]
+
+
 def test_states_come_at_their_rate_while_the_arm_moves(arm: Arm) -> None:
     motion = sent_away(arm)
     stamps = [state.stamp for state in arm.states(20.0, seconds=1.0)]
@@ -468,6 +485,12 @@ def test_a_lesson_has_no_torque_and_ends_holding(arm: Arm) -> None:
     assert lesson.taught.names == arm.model.names
     assert arm.play(lesson).arrived
     assert arm.play(lesson.taught).arrived
+
+
+def test_a_lesson_is_recorded_at_its_rate(arm: Arm) -> None:
+    with arm.teach(rate=5.0, seconds=1.0) as lesson:
+        lesson.wait()
+    assert len(lesson._states) <= 7
 
 
 def test_a_lesson_that_cannot_begin_leaves_the_arm_free(arm: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
