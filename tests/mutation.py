@@ -447,8 +447,8 @@ class Copy:
                 target.unlink(missing_ok=True)
                 target.symlink_to(path)
         if counted:
-            _mirror_file(ROOT / "tests/mutation_calls.py", folder / "src/mutation_calls.py")
-            (folder / "src/calls").unlink(missing_ok=True)
+            package = PACKAGES.get(counted, SOURCE).relative_to(ROOT)
+            _mirror_file(ROOT / "tests/mutation_calls.py", folder / package / "mutation_calls.py")
         self._make_environment()
 
     def _make_environment(self) -> None:
@@ -546,8 +546,14 @@ def count_calls(text: str, module: str) -> str:
     after = 1 if ast.get_docstring(tree) is not None else 0
     while after < len(tree.body) and getattr(tree.body[after], "module", None) == "__future__":
         after += 1
-    tree.body[after:after] = ast.parse("from mutation_calls import note as _note_call").body
+    notes = calls_module(module.partition(".")[0])
+    tree.body[after:after] = ast.parse(f"from {notes} import note as _note_call").body
     return ast.unparse(tree)
+
+
+def calls_module(package: str) -> str:
+    """What the copy of `mutation_calls.py` is imported as; in the package, since some tests hide all but that."""
+    return f"{package}.mutation_calls"
 
 
 class Room:
@@ -590,7 +596,9 @@ class Room:
                 self._add_seen(new, kept)
                 known = self._seen(kept)
             (self.folder / "seen.of").write_text(json.dumps([self.source, self._tests_now]))
-            copy.run({"tests": self._select(), "known": sorted(known), "out": str(new), "limit": LIMIT})
+            calls = calls_module(PACKAGES.get(self.name, SOURCE).name)
+            orders = {"tests": self._select(), "known": sorted(known), "out": str(new), "limit": LIMIT}
+            copy.run(orders | {"calls": calls})
             self._add_seen(new, kept)
             done.write_text(state)
         return self._seen(kept)

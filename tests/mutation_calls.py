@@ -1,4 +1,4 @@
-"""Notes the calls of functions: `mutation.py` puts it beside the source whose functions call `note`.
+"""Notes the calls of functions: `mutation.py` puts it into the package whose functions call `note`.
 
 Owns what was called since the last look, in the process that looks and in all that it starts. These add lines to a
 file; one that runs on from test to test says a name again, but not each time.

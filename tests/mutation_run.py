@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import importlib
 import inspect
 import json
 import os
@@ -39,11 +40,12 @@ class See:
 
     Args:
         known: Ids of tests that need not run.
+        calls: The module that notes the calls; not imported before the tests are.
         out: Where a line for each test is added.
     """
 
-    def __init__(self, known: set[str], out: TextIO) -> None:
-        self._known, self._out = known, out
+    def __init__(self, known: set[str], calls: str, out: TextIO) -> None:
+        self._known, self._calls, self._out = known, calls, out
         self._failed = False
 
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
@@ -56,10 +58,8 @@ class See:
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Generator[None, object, object]:
-        import mutation_calls
-
         self._failed = False
-        mutation_calls.take()
+        self._take()
         start = time.monotonic()
         result = yield
         seconds = round(time.monotonic() - start, 3)
@@ -68,12 +68,13 @@ class See:
         return result
 
     def _note(self, name: str, seconds: float, *, slow: bool, passed: bool) -> None:
-        import mutation_calls
-
-        calls = sorted(mutation_calls.take())
-        line = {"id": name, "seconds": seconds, "slow": slow, "passed": passed, "calls": calls}
+        line = {"id": name, "seconds": seconds, "slow": slow, "passed": passed, "calls": sorted(self._take())}
         self._out.write(json.dumps(line) + "\n")
         self._out.flush()
+
+    def _take(self) -> set[str]:
+        called: set[str] = importlib.import_module(self._calls).take()
+        return called
 
 
 class Report:
@@ -296,7 +297,7 @@ def main() -> int:
             plugin = Judge(orders["mutants"], orders, out)
             more = ["-x"]
         else:
-            plugin, more = See(set(orders["known"]), out), ["-o", f"timeout={orders['limit']:.0f}"]
+            plugin, more = See(set(orders["known"]), orders["calls"], out), ["-o", f"timeout={orders['limit']:.0f}"]
         code = int(pytest.main([*ARGUMENTS, *more, *orders["tests"]], plugins=[plugin]))
     if os.getpid() != _JUDGE:
         sys.stdout.flush()

@@ -190,7 +190,7 @@ def test_a_counted_module_says_which_functions_are_called() -> None:
     text = count_calls('"""Text."""\nfrom __future__ import annotations\n' + MODULE, "hexwire.two")
     called: list[str] = []
     space: dict[str, object] = {}
-    text = text.replace("from mutation_calls import note as _note_call", "")
+    text = text.replace("from hexwire.mutation_calls import note as _note_call", "")
     exec(compile(text, "two", "exec"), {"_note_call": called.append}, space)
     space["f"](1)  # type: ignore[operator]
     space["A"].f(0)  # type: ignore[attr-defined]
