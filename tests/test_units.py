@@ -16,6 +16,11 @@ def test_degrees_and_radians() -> None:
     assert units.radians(180.0) == math.pi
 
 
+def test_what_people_type_in_degrees_and_millimetres_is_si() -> None:
+    assert units.deg(-90.0) == -math.pi / 2
+    assert units.mm(152.5) == 0.1525
+
+
 @pytest.mark.parametrize(
     ("value", "text"),
     [
