@@ -297,8 +297,8 @@ def _joined(above: str, steps: Sequence[str], last: Mapping[str, int]) -> str:
 
 
 def _at(text: str, place: int, message: str, file: str) -> ConfigError:
-    line, column = text.count("\n", 0, place) + 1, place - text.rfind("\n", 0, place)
-    return ConfigError(message, file=file, line=line, column=column)
+    before = text[:place]
+    return ConfigError(message, file=file, line=before.count("\n") + 1, column=place - before.rfind("\n"))
 
 
 # -- values -------------------------------------------------------------------------------------------------
