@@ -11,7 +11,14 @@ from hexwire.link.tap import Direction, Passed
 from hexwire.trace.traffic import Traffic
 from hexwire.wire.command_frame import Command
 from hexwire.wire.commands import MoveRequest
-from hexwire.wire.servo_packet import make_ping, make_read, make_status, make_sync_read, make_sync_write
+from hexwire.wire.servo_packet import (
+    BROADCAST_ID,
+    make_ping,
+    make_read,
+    make_status,
+    make_sync_read,
+    make_sync_write,
+)
 
 SENT, RECEIVED = Direction.SENT, Direction.RECEIVED
 
@@ -66,6 +73,15 @@ def test_an_entry_says_which_servos_it_names() -> None:
     )
     assert [entry.servos for entry in traffic] == [(2, 6), (4,), (0, 3), ()]
     assert [entry.name for entry in traffic] == ["joint_move", "transact", "sync_write", "stats"]
+    everybody = MoveRequest(1000, ((BROADCAST_ID, 100),)).serialize()
+    several = fed(
+        (SENT, frame(Command.TORQUE, b"\1\x29\0"), 1.0),
+        (RECEIVED, frame(Command.TORQUE, b"\1\x21\0", src=8, ext=0x80), 1.0),
+        (SENT, frame(Command.TRAJECTORY_BEGIN, b"\1\0\x40\0\0\0"), 1.0),
+        (SENT, frame(Command.JOINT_MOVE, everybody), 1.0),
+        (SENT, frame(Command.IO, b"\7\0"), 1.0),
+    )
+    assert [entry.servos for entry in several] == [(0, 3, 5), (0, 5), (6,), tuple(range(7)), ()]
     bus = fed((SENT, make_sync_read(0x38, 2, (4, 5)), 1.0), (RECEIVED, make_status(4, 0, b"ab"), 1.0))
     assert [entry.servos for entry in bus] == [(4, 5), (4,)]
     assert [entry.name for entry in bus] == ["sync_read", "status"]

@@ -5,6 +5,7 @@ Owns the requests, their checks and bounds. Behind the gate (`guard`), so each c
 
 from __future__ import annotations
 
+import time
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Any
 
@@ -96,4 +97,4 @@ async def _save(studio: Studio, tab: Tab, request: Request) -> Any:
     async def make(path: str) -> None:
         await studio.ask_files(tab.right, lambda process: save(process, path))
 
-    return await made(make, "application/octet-stream", f"traffic.{form}")
+    return await made(make, "application/octet-stream", f"traffic-{time.strftime('%Y%m%d-%H%M%S')}.{form}")

@@ -4,7 +4,7 @@ Owns the language.
 
 Conditions are separated by blanks, and all of them must hold:
 
-    servo 3        names servo 3; servo 3,4 one of both
+    servo 3        names servo 3, also in a mask of the board's joints; servo 3,4 one of both
     joint_move     that command or instruction; a word that is none is searched for in the text
     "two words"    searched for in the text
     bad            no valid frame or packet

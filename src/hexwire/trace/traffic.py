@@ -16,7 +16,7 @@ from itertools import accumulate, islice
 from typing import Any
 
 from hexwire.link.tap import Direction, Passed
-from hexwire.wire.tables import EXT_STATUS_MASK, PROTO_HEXWIRE
+from hexwire.wire.tables import BROADCAST_ID, EXT_STATUS_MASK, PROTO_HEXWIRE
 
 from .explain import doubt
 from .line_reader import LineReader
@@ -316,6 +316,10 @@ def _name(reading: FrameReading) -> str:
     return "status" if reading.kind == "packet" else ""
 
 
+_NAMING = {("servo_id", "u8"), ("mask", "u16")}
+"""Fields that name servos: one, or the joints of a board."""
+
+
 def _reported(reading: FrameReading, reader: Reader) -> str:
     """What an answer says went wrong, in general words; empty if nothing did. Its text has the error."""
     if not reading.answer:
@@ -342,10 +346,16 @@ def _servos(reading: FrameReading, reader: Reader) -> tuple[int, ...]:
     layout = reader.layout(data)
     if not body or layout is None:
         return ()
-    if not any(name == "servo_id" for name, _, _ in layout["rows"]):
+    if not any((name, kind) in _NAMING for name, kind, _ in (*layout["fields"], *layout["rows"])):
         return ()
-    rows = reader.body_items(body, layout) or []
-    return tuple(item.value for each in rows for item in each if item.name == "servo_id" and item.value is not None)
+    joints = tuple(reader.tables["joints"]) if reader.series == "board" else ()
+    found: list[int] = []
+    for item in (item for each in reader.body_items(body, layout) or () for item in each):
+        if item.name == "servo_id" and item.value is not None:
+            found += joints if item.value == BROADCAST_ID else (item.value,)
+        elif item.name == "mask" and item.value is not None:
+            found += (servo for i, servo in enumerate(joints) if item.value >> i & 1)
+    return tuple(found)
 
 
 def _packet_servos(packet: bytes, answer: bool, reader: Reader) -> tuple[int, ...]:

@@ -29,7 +29,7 @@ const SERIES = [
   ["hls", "HLS"],
 ];
 const HELP = [
-  ["servo 3", "names servo 3; servo 3,4 one of both"],
+  ["servo 3", "names servo 3, also in a mask of joints; servo 3,4 one of both"],
   ["joint_move", "that command or instruction; another word, such as error, is searched for in the text"],
   ['"two words"', "searched for in the text"],
   ["bad", "no valid frame or packet; doubt also what has a remark or reports an error"],
