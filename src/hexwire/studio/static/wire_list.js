@@ -9,7 +9,9 @@ const SPARE = 8; // rows above and below what is visible
 // Places in a row, as traffic.py writes it.
 export const NUMBER = 0, TIME = 1, SENT = 2, KIND = 3, SIZE = 4, TEXT = 5, PROBLEM = 6, BAD = 7, REQUEST = 8, TOOK = 9;
 
-const DULL = /time_us \d+, fields \d+, |, spare 0/g; // the frame itself has them; here they hide what changes
+// The frame itself has them; here they hide what changes.
+const DULL = /time_us \d+, fields \d+, |, spare 0|(count|joints) \d+ (?=\()/g;
+const OF_SERVO = /\(servo_id (\d+), position /g;
 const REPORT = /^2 \w+ report /; // what a board sends by itself, again and again
 
 /**
@@ -299,7 +301,7 @@ export class FrameList {
     put(time, clock(row[TIME], this.offset));
     put(way, row[SENT] ? "→" : "←");
     way.title = row[SENT] ? "sent" : "received";
-    put(text, row[TEXT].replace(DULL, ""));
+    put(text, row[TEXT].replace(DULL, "").replace(OF_SERVO, "($1: "));
     text.title = row[PROBLEM] || row[TEXT];
     const ms = row[TOOK];
     put(took, ms !== null ? `${ms.toFixed(2)} ms` : answer ? `▸${answer}` : "");
