@@ -139,6 +139,7 @@ def show_wire(page: Page) -> None:
     operate(page)
     page.evaluate(_WAVE, 2.0)
     page.get_by_role("textbox", name="Filter").fill("JOINT_MOVE")
+    page.get_by_role("option", name="JOINT_STATE").first.wait_for(state="hidden")
     page.get_by_text("JOINT_MOVE request").last.click()
 
 
