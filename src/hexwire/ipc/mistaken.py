@@ -38,7 +38,6 @@ _PING_TIME = 0.003
 """Seconds for one ping and its answer on the line: 0.12 ms of bytes at 1 Mbaud, and a return delay of 0.5 ms."""
 _LAST_TIME = 0.035
 """Seconds for the last answers: an adapter with a latency timer delays them by 16 ms."""
-_WRITE_TIME = 1.0
 _BOARD, _PUMA = ModuleType.ARM_7BOT_ARDUINO_TRX, ModuleType.PUMA260_RBT_IO_SVR
 _HOSTS = {_PUMA: ModuleType.PUMA260_HOST_IO_TRX, _BOARD: ModuleType.ARM_7BOT_SERIAL_TRX}
 """The module of each known robot -> that of a host which speaks to it."""
@@ -84,7 +83,7 @@ def _ping(link: Link, ids: Iterable[int]) -> tuple[tuple[int, ...], bool]:
     data = b""
     pings = [make_ping(servo_id) for servo_id in ids]
     for ping in pings:
-        link.write(ping, clock() + _WRITE_TIME)
+        link.post(ping)
         data += _listen(link, clock() + _PING_TIME, clock)
     data += _listen(link, clock() + _LAST_TIME, clock)
     if make_ping(BROADCAST_ID) in data:
@@ -192,7 +191,7 @@ def _negotiate(link: Link, modules: list[ModuleType], dialect: int) -> list[Nego
         dues = [due for connection, _ in asking if (due := connection.next_timeout()) is not None]
         for connection, _ in asking:
             for frame in connection.data_to_send():
-                link.write(frame, clock() + _WRITE_TIME)
+                link.post(frame)
         data = link.read(min(dues, default=clock()))
         for connection, negotiator in asking:
             if data:
