@@ -57,6 +57,7 @@ def test_one_stop_stops_all_and_cancels_what_was_called_before() -> None:
     assert {m: parse_stop_reply(r.body) for m, r in answers.replies.items()} == {8: (0, 0x7F), 9: (0, 0x7F)}
     assert all(board.state.stopped for board in channel.boards.values())
     assert session.epochs.stopped
+    assert not session.epochs.failed
     session.request_all(Command.RESUME)
     assert not session.epochs.stopped
     assert not any(board.state.stopped for board in channel.boards.values())
@@ -86,6 +87,34 @@ def test_a_stop_that_one_does_not_confirm_is_unconfirmed() -> None:
     # A resume that not all have confirmed ends nothing here.
     session.request_all(Command.RESUME)
     assert session.epochs.stopped
+
+
+def test_a_stop_that_is_refused_is_unconfirmed() -> None:
+    _, _, session = open_channel(8, 9)
+    unknown_mode = b"\x09"
+    answers = session.request_all(Command.STOP, unknown_mode, [8, 9])
+    assert {reply.status for reply in answers.replies.values()} == {Status.BAD_RANGE}
+    assert session.epochs.failed
+
+
+def test_every_frame_has_time_to_be_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    _, link, session = open_channel(8, 9)
+    left: list[float] = []
+    write = link.write
+
+    def timed(data: bytes, deadline: float | None = None) -> None:
+        assert deadline is not None
+        left.append(deadline - link.clock())
+        write(data, deadline)
+
+    monkeypatch.setattr(link, "write", timed)
+    session.send(Command.STATS)
+    session.request(Command.STATS)
+    # With a frame that waits, such as a chunk that was asked for again.
+    session.connection.send_fragment(Command.FRAGMENT, bytes(9), 8, session.now())
+    session.request(Command.STATS)
+    assert len(left) == 4
+    assert min(left) > 0.5
 
 
 def test_a_command_for_one_module_is_answered_by_each() -> None:
