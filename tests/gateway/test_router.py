@@ -397,6 +397,15 @@ def test_chunks_that_mean_nothing_are_counted(bench: Bench) -> None:
     assert bench.gateway.host_frames(bench.side) == []
 
 
+@pytest.mark.parametrize("changes", [{"proto": tables.PROTO_CHAPTER}, {"cmd_ext": 1}, {"dst": -1 << 31}])
+def test_frames_in_a_form_that_no_board_takes_are_counted(bench: Bench, changes: dict[str, int]) -> None:
+    before = bench.gateway.counters.unknown
+    frame = Frame(0, 0, 1, 7, 9, 1, tables.PROTO_HEXWIRE, 5, Command.STATS, b"")
+    bench.gateway.receive_host(bench.side, serialize_frame(frame._replace(**changes)), bench.now)  # type: ignore[arg-type]
+    assert bench.gateway.counters.unknown == before + 1
+    assert bench.gateway.host_frames(bench.side) == []
+
+
 def test_chunks_in_chunks_are_no_request() -> None:
     bench = Bench()
     for cmd in (Command.FRAGMENT, Command.FRAGMENT_MISSING):
