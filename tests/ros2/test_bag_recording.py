@@ -77,6 +77,15 @@ def test_states_are_recorded_as_they_are_read(tmp_path: Path) -> None:
     _check_states(_read(tmp_path / "b"))
 
 
+def test_an_earlier_bag_is_replaced_by_force_only(tmp_path: Path) -> None:
+    for force in (False, True):
+        recording = BagRecording(tmp_path / "b", Types(), force=force)
+        recording.joint_state(_state(0.5, 10.0), NOW)
+        recording.close()
+    with pytest.raises(UsageError, match="already exists; --force"):
+        BagRecording(tmp_path / "b", Types())
+
+
 def test_the_description_is_written_once(tmp_path: Path) -> None:
     recording = BagRecording(tmp_path / "b", Types())
     recording.urdf = "<robot/>"
