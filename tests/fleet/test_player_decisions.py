@@ -253,6 +253,15 @@ def test_an_arm_that_is_elsewhere_is_led_to_the_start_in_one_sweep(stage: Stage)
     assert here.velocity[joint] == pytest.approx(mean, rel=0.2)
 
 
+@pytest.mark.parametrize("beyond", [0.0, 1e-7, 1e-3])
+def test_no_knots_of_the_way_to_the_start_coincide(beyond: float) -> None:
+    whole = way(seconds=1.0 + beyond)
+    *knots, end = [point.time for point in module._as_spline(whole).waypoints]
+    assert end == whole.duration
+    assert knots == pytest.approx([0.05 * i for i in range(len(knots))])
+    assert end - knots[-1] > 1e-6
+
+
 def test_an_arm_that_does_not_answer_is_given_up_before_the_start_and_long_after_the_end(stage: Stage) -> None:
     stage.play(path=way(seconds=2.0))
     (_, start, _) = stage.arms[NAMES[0]].followed[1]

@@ -11,6 +11,7 @@ from typing import Any
 
 import msgspec
 import pytest
+from tests.waits import eventually
 
 from hexwire.drivers import registry
 from hexwire.errors import LeaseError, LimitError, PreemptedError, ReplyTimeoutError, StoppedError
@@ -264,6 +265,27 @@ def test_the_lease_is_given_back_after_the_set_points_and_what_was_refused_is_lo
     # The thread that keeps the lease may still renew it meanwhile.
     assert [message for _, message in server.asked if isinstance(message, m.Leave)] == [m.Leave(17, finish=True)]
     assert ("the last set-points were not done: too far" in caplog.text) is bool(refused)
+
+
+def test_the_lease_is_given_back_although_no_state_tells_of_the_set_points(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("hexwire.fleet.remote._TIMEOUT", 0.1)
+    robot, server = attached(monkeypatch)
+    robot.take()
+    robot._set_points.begin(5)
+    robot._set_points.published(1, time.monotonic())
+    inbox = robot._states._inbox
+    assert isinstance(inbox, FakeInbox)
+    thread = threading.Thread(target=robot.detach, daemon=True)
+    thread.start()
+
+    def ended() -> bool:
+        inbox.wake()
+        return not thread.is_alive()
+
+    eventually(ended)
+    assert [message for _, message in server.asked if isinstance(message, m.Leave)] == [m.Leave(17, finish=True)]
 
 
 READS: list[Callable[[RemoteRobot], object]] = [
