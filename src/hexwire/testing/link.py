@@ -68,7 +68,7 @@ class Background:
         self.result: object = None
         self.error: BaseException | None = None
         self._begun = threading.Event()
-        self._thread = threading.Thread(target=self._run)
+        self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def _run(self) -> None:

@@ -310,7 +310,7 @@ class RobotConformance:
 
     def test_another_thread_may_stop_it(self, ready: RobotDriver) -> None:
         """`stop` may be called from any thread."""
-        thread = threading.Thread(target=ready.stop)
+        thread = threading.Thread(target=ready.stop, daemon=True)
         thread.start()
         thread.join(PATIENCE)
         assert not thread.is_alive()
