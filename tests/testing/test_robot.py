@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import runpy
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,7 @@ from hexwire.emulator.puma import EmulatedPuma
 from hexwire.emulator.serve import BoardLink, FakeClock
 from hexwire.ipc.handle import IpcHandle
 from hexwire.ipc.session import Session
+from hexwire.model.arm import ArmModel
 from hexwire.model.state import JointTarget
 from hexwire.testing import RobotConformance
 from hexwire.wire.modules import ModuleType
@@ -163,6 +166,34 @@ def test_a_stop_that_does_not_hold_is_found(pretend: Any, monkeypatch: pytest.Mo
     ):
         with pytest.raises(AssertionError):
             question(pretend)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"minimum": -math.inf},
+        {"maximum": math.inf},
+        {"minimum": 1.0, "maximum": 1.0},
+        {"max_speed": 0.0},
+        {"max_speed": math.inf},
+        {"max_speed": math.nan},
+    ],
+)
+def test_a_model_with_a_joint_that_is_unsound_is_found(
+    pretend: Any, monkeypatch: pytest.MonkeyPatch, change: dict[str, Any]
+) -> None:
+    suite, model = Suite(), pretend.model
+    suite.test_the_model_is_sound(pretend)
+    first, *others = model.joints
+    monkeypatch.setattr(pretend, "model", ArmModel(model.name, (replace(first, **change), *others)))
+    with pytest.raises(AssertionError):
+        suite.test_the_model_is_sound(pretend)
+
+
+def test_a_robot_that_takes_no_targets_is_found(pretend: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(type(pretend), "command_rate", 0.0)
+    with pytest.raises(AssertionError):
+        Suite().test_what_it_cannot_do_is_an_error_of_hexwire(pretend)
 
 
 def test_a_ping_has_one_byte_or_nothing_for_an_answer() -> None:
