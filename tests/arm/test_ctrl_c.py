@@ -8,7 +8,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import FrameType
+from types import FrameType, SimpleNamespace
 from typing import Any
 
 import pytest
@@ -18,6 +18,7 @@ from tests.waits import PATIENCE, eventually
 from hexwire import Arm, deg
 from hexwire.arm import claim as claims
 from hexwire.arm.handle import Handle
+from hexwire.errors import StoppedError
 
 IN_THE_VERB = ("arm/verbs.py", "arm/handle.py", "arm/claim.py")
 VERBS: dict[str, Callable[[Arm], Handle[Any]]] = {
@@ -203,6 +204,35 @@ def test_ctrl_c_that_the_program_catches_stops_the_motion_that_no_verb_waits_for
     words = [sys.executable, "-P", "-c", PROGRAM, address, how]
     done = subprocess.run(words, capture_output=True, text=True, timeout=4 * PATIENCE, check=False)
     assert done.stdout.splitlines() == OUTPUT[how], done.stderr
+
+
+@pytest.mark.parametrize("where", ["between cells", "in another cell"])
+def test_the_stop_button_of_a_notebook_stops_what_an_earlier_cell_has_begun(
+    arm: Arm, monkeypatch: pytest.MonkeyPatch, where: str
+) -> None:
+    begins: dict[str, Callable[[], None]] = {}
+    kernel = SimpleNamespace(saved_sigint_handler=signal.SIG_IGN)
+    shell = SimpleNamespace(kernel=kernel, events=SimpleNamespace(register=begins.__setitem__))
+    ipython: Any = SimpleNamespace(get_ipython=lambda: shell)
+    monkeypatch.setitem(sys.modules, "IPython", ipython)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        motion = VERBS["move"](arm)
+        if where == "between cells":
+            kernel.saved_sigint_handler(signal.SIGINT, None)
+        else:
+            # As the kernel does before each cell.
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+            begins["pre_run_cell"]()
+            with pytest.raises(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+        with pytest.raises(StoppedError):
+            motion.wait(PATIENCE)
+        assert arm.read().stopped
+    finally:
+        signal.signal(signal.SIGINT, before)
+        arm.resume()
+        arm.home()
 
 
 PROMPT = """

@@ -14,6 +14,9 @@ from tests.few import few
 from tests.waits import PATIENCE, eventually
 
 from hexwire import Arm, deg
+from hexwire.arm.front import Front
+from hexwire.control.motion.motion_options import MotionObserver
+from hexwire.control.motion.motion_result import MotionResult
 from hexwire.errors import HexwireError, StoppedError, UsageError
 
 
@@ -76,6 +79,18 @@ def test_the_end_of_the_block_ends_the_motion_of_a_verb_in_another_thread(
         assert left == [(False, stops)]
         assert [type(error) for error in raised] == [StoppedError if stops else UsageError]
         assert stops or "the motion was ended before it arrived" in str(raised[0])
+
+
+def test_a_motion_that_has_arrived_when_the_block_ends_is_no_error(tmp_path: Path) -> None:
+    class Ends(MotionObserver):
+        def ended(self, result: MotionResult) -> None:
+            claim = arm._claims.now
+            assert claim is not None
+            claim.end("the block has ended")
+
+    with connected("board", tmp_path) as first:
+        arm = Arm(first.driver, front=Front(Ends()))
+        assert arm.move({"J1": deg(1)}, relative=True).arrived
 
 
 @few("kind, way", product(KINDS | TIMED, WAYS), *product(["board"], WAYS))
