@@ -138,6 +138,29 @@ def test_a_round_waits_a_quarter_of_a_second_for_something_to_do(
     assert waits == [pytest.approx(0.25)]
 
 
+def test_a_wait_ends_with_the_first_thing_that_is_due(rounds: Rounds, monkeypatch: pytest.MonkeyPatch) -> None:
+    wait(lambda: (rounds.service.run_once(), rounds.board.opener is None)[1])
+    waits: list[float] = []
+    poll = SimpleNamespace(register=lambda fd, events: None, poll=lambda wait: (waits.append(wait), [])[1])
+    monkeypatch.setattr(module, "make_poll", lambda: poll)
+    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=lambda: 100.0))
+    for due, again in ((None, 200.0), (100.05, 200.0), (None, 100.1), (99.0, 200.0)):
+        monkeypatch.setattr(rounds.service.machine, "next_timeout", lambda due=due: due)
+        rounds.board.again_at = again
+        rounds.service._wait(100.25)
+    assert waits == pytest.approx([250.0, 50.0, 100.0, 0.0])
+
+
+def test_whoever_wakes_the_gateway_ends_one_wait(rounds: Rounds) -> None:
+    wait(lambda: (rounds.service.run_once(), rounds.board.opener is None)[1])
+    rounds.board.again_at = math.inf
+    waker = rounds.service._waker
+    waker.set()
+    assert waker.fileno() in rounds.service._wait(0.0)
+    rounds.service.run_once()
+    assert waker.fileno() not in rounds.service._wait(0.0)
+
+
 def test_queues_alone_need_no_port() -> None:
     service = GatewayService(None, {8: make_link(f"tcp://127.0.0.1:{free_port()}")}, local=8)
     service.open()
