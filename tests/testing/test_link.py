@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import hexwire.testing.link
-from hexwire.errors import LinkClosedError
+from hexwire.errors import LinkClosedError, LinkTimeoutError
 from hexwire.link.base import LinkKind
 from hexwire.link.memory import memory_pair
 from hexwire.testing import LinkConformance
@@ -87,6 +87,21 @@ def test_an_answer_may_come_in_pieces(ends, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(near, "exchange", begin)
     monkeypatch.setattr(near, "read", go_on)
     Memory().test_an_exchange_sends_a_request_and_takes_the_answer(ends)
+
+
+def test_a_writer_that_waits_where_the_line_drops_what_nobody_reads_is_found(
+    ends, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    suite, (near, _) = Memory(), ends
+    suite.back_pressure = False
+    taken: list[bytes] = []
+    monkeypatch.setattr(near, "write", lambda data, deadline=None: taken.append(data))
+    suite.test_a_writer_waits_for_a_reader(ends)
+    assert sum(map(len, taken)) > 1_000_000, "more than a line holds"
+    monkeypatch.undo()
+    monkeypatch.setattr(hexwire.testing.link, "PATIENCE", 0.01)
+    with pytest.raises(LinkTimeoutError):
+        suite.test_a_writer_waits_for_a_reader(ends)
 
 
 @pytest.mark.parametrize("kind", LinkKind)
