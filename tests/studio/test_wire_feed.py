@@ -127,6 +127,24 @@ def test_what_is_kept_is_said_with_its_time_and_answers_that_the_filter_hides(li
     assert page["span"] == 1.25
 
 
+@pytest.mark.parametrize("words", ["unanswered", "problem", "not slow 5000", "not unanswered"])
+def test_what_depends_on_an_answer_is_shown_when_that_is_overdue(line: Line, words: str) -> None:
+    def passed(way: Direction, data: bytes, time: float) -> None:
+        line.feed._ring.feed(Passed(way, data, time, ""))
+
+    reply = frame_bytes(Command.STATS, bytes(60), proto=2, seq=1, src=8, dst=7, cmd_ext=0x80)
+    passed(Direction.SENT, frame(1), 1.0)
+    passed(Direction.SENT, frame(2), 1.1)
+    page = line.feed.rows(0, words)
+    assert (page["rows"], page["next"], page["more"]) == ([], 0, False)
+    passed(Direction.RECEIVED, reply, 1.2)
+    assert [row[0] for row in line.feed.rows(0, words)["rows"] if row[0] < 3] == ([1] if "not" in words else [])
+    passed(Direction.SENT, frame(3), 2.15)
+    rows = {row[0]: row[6] for row in line.feed.rows(0, words)["rows"] if row[0] != 3}
+    lost = {2: "no answer came"}
+    assert rows == {"not slow 5000": {1: "", **lost}, "not unanswered": {1: ""}}.get(words, lost)
+
+
 def test_many_frames_come_in_pages(line: Line) -> None:
     line.feed._ring.feed(Passed(Direction.SENT, frame() * 2500, 1.0, ""))
     first = line.feed.rows(0)

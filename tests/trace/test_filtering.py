@@ -59,6 +59,13 @@ def test_what_goes_to_all_servos_is_not_unanswered_and_errors_are_doubtful() -> 
 
     assert passing("unanswered") == [7, 8]
     assert passing("doubt") == [4]
+    assert passing("problem") == [4, 7, 8]
+    assert [parse_filter(words).of_answers for words in ("not unanswered", "SLOW 2", "bad", '"problem"')] == [
+        True,
+        True,
+        False,
+        False,
+    ]
     assert traffic.get(4).problem == "the servo reports an error"  # type: ignore[union-attr]
 
 

@@ -87,6 +87,17 @@ def test_an_entry_says_which_servos_it_names() -> None:
     assert [entry.name for entry in bus] == ["sync_read", "status"]
 
 
+@pytest.mark.parametrize("good", [make_status(4, 0, b"ab"), frame(Command.STATS, bytes(60), src=8, ext=0x80)])
+def test_what_is_damaged_from_its_beginning_is_no_rest_of_what_came_before(good: bytes) -> None:
+    tail = 1 if good[0] == 0xFF else 4
+    damaged = good[:-tail] + bytes((good[-tail] ^ 1,)) + good[len(good) - tail + 1 :]
+    traffic = fed((RECEIVED, damaged + good, 1.0))
+    assert [entry.bad for entry in traffic] == [True, False]
+    rest = Traffic(bus=tail == 1)
+    rest.feed(Passed(RECEIVED, damaged[3:] + good, 1.0, ""))
+    assert [entry.bad for entry in rest] == [False]
+
+
 def test_bad_bytes_say_why() -> None:
     good = frame(Command.STATS)
     traffic = fed((SENT, b"xx" + good[:-1] + b"z" + good, 1.0))

@@ -5,12 +5,13 @@ Owns what of it becomes JSON. Its calls may take tens of milliseconds.
 
 from __future__ import annotations
 
+import math
 import secrets
 from typing import Any
 
 from hexwire.errors import UsageError
 from hexwire.trace.explain import Explainer
-from hexwire.trace.filtering import parse_filter
+from hexwire.trace.filtering import is_unanswered, parse_filter
 from hexwire.trace.traffic import Entry, Traffic
 
 __all__ = ["LARGEST_FILE", "SERIES", "View", "known_series"]
@@ -21,6 +22,10 @@ LARGEST_FILE = 16 * 1024 * 1024
 SERIES = ("board", "seven_bot", "scs", "sts_sms", "hls")
 """Series of the servos on a line; board: those of the Hex7Bot, by id."""
 _PAGE = 1000
+_PROBLEM = 6
+"""Its place in a row."""
+_OVERDUE = 1.0
+"""Seconds after which no answer is expected any more: those that take longest come after half a second."""
 
 
 def known_series(series: str) -> str:
@@ -71,10 +76,19 @@ class View:
             UsageError: The filter is wrong.
         """
         passes, traffic = parse_filter(wanted), self.traffic
+        oldest, newest = traffic.get(traffic.newest - len(traffic) + 1), traffic.get(traffic.newest)
+        overdue = (
+            newest.reading.time - _OVERDUE if newest and passes.of_answers and self.kind == "live" else math.inf
+        )
+        more = True
         found, answers, reached, looked = list[Entry](), list[tuple[int, int]](), max(since, 0), 0
         for entry in traffic.since(since):
             looked += 1
             if looked > 5 * _PAGE or len(found) == _PAGE:
+                break
+            if entry.reading.time > overdue and is_unanswered(entry):
+                # Whether it passes is known later.
+                more = False
                 break
             reached = entry.number
             if passes(entry):
@@ -83,13 +97,15 @@ class View:
                 request = traffic.get(entry.answers)
                 if request is not None and passes(request):
                     answers.append((request.number, entry.number))
-        oldest = traffic.get(traffic.newest - len(traffic) + 1)
-        newest = traffic.get(traffic.newest)
+        rows = [entry.as_row() for entry in found]
+        for row, entry in zip(rows, found, strict=True):
+            if passes.of_answers and is_unanswered(entry):
+                row[_PROBLEM] = row[_PROBLEM] or "no answer came"
         return {
-            "rows": [entry.as_row() for entry in found],
+            "rows": rows,
             "answers": answers,
             "next": reached if found or looked else min(since, traffic.newest),
-            "more": reached < traffic.newest,
+            "more": more and reached < traffic.newest,
             "first": traffic.newest - len(traffic) + 1,
             "newest": traffic.newest,
             "span": newest.reading.time - oldest.reading.time if oldest and newest else 0.0,

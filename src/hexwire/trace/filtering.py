@@ -9,6 +9,7 @@ Conditions are separated by blanks, and all of them must hold:
     "two words"    searched for in the text
     bad            no valid frame or packet
     doubt          bad, with a remark, or an answer that reports an error
+    problem        the same, or a request that was not answered
     sent received request answer unanswered report frame packet
     dialect 2      frames of that dialect
     slow 20        an answer that took more than 20 ms, and its request
@@ -20,6 +21,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 from hexwire.errors import UsageError
 from hexwire.wire import tables as t
@@ -27,9 +29,9 @@ from hexwire.wire import tables as t
 from .reading import FrameReading
 from .traffic import Entry
 
-__all__ = ["Condition", "parse_filter"]
+__all__ = ["Filter", "is_unanswered", "parse_filter"]
 
-Condition = Callable[[Entry], bool]
+_Condition = Callable[[Entry], bool]
 
 _LONGEST = 200
 _TOKEN = re.compile(r'(-?)(?:"([^"]*)"?|([^\s"]+))')
@@ -54,12 +56,17 @@ def _is_awaited(entry: Entry) -> bool:
     return not (reading.data[33] == t.PROTO_CHAPTER and entry.name == "sync_write")
 
 
+def is_unanswered(entry: Entry) -> bool:
+    """Whether an answer is due to it that has not come, or not yet."""
+    return _is_request(entry) and entry.answered is None and _is_awaited(entry)
+
+
 def _is_report(reading: FrameReading) -> bool:
     """Whether it is a frame that a board sends by itself: it asks nothing, and answers nothing."""
     return reading.kind == "frame" and reading.data[33] == 2 and reading.data[39] & 0xC0 == 0x40
 
 
-_WORDS: dict[str, Condition] = {
+_WORDS: dict[str, _Condition] = {
     "bad": lambda entry: entry.bad,
     "doubt": lambda entry: bool(entry.problem),
     "sent": lambda entry: entry.sent,
@@ -69,29 +76,45 @@ _WORDS: dict[str, Condition] = {
     "request": _is_request,
     "answer": _is_answer,
     "report": lambda entry: _is_report(entry.reading),
-    "unanswered": lambda entry: _is_request(entry) and entry.answered is None and _is_awaited(entry),
+    "unanswered": is_unanswered,
+    "problem": lambda entry: bool(entry.problem) or is_unanswered(entry),
 }
 
 
-def parse_filter(text: str) -> Condition:
+_OF_ANSWERS = frozenset(("unanswered", "problem", "slow"))
+
+
+@dataclass(frozen=True, slots=True)
+class Filter:
+    """Says whether an entry passes.
+
+    Attributes:
+        of_answers: Whether a request passes may depend on its answer, so it is known only when that is overdue.
+    """
+
+    _conditions: tuple[_Condition, ...]
+    of_answers: bool
+
+    def __call__(self, entry: Entry) -> bool:
+        return all(condition(entry) for condition in self._conditions)
+
+
+def parse_filter(text: str) -> Filter:
     """Parse a filter.
 
     Args:
         text: See the module; empty for everything.
-
-    Returns:
-        Whether an entry passes.
 
     Raises:
         UsageError: A word lacks its number, or the filter is too long.
     """
     if len(text) > _LONGEST:
         raise UsageError(f"a filter has at most {_LONGEST} characters")
-    conditions = list(_conditions(text))
-    return lambda entry: all(condition(entry) for condition in conditions)
+    words = {match[3].lower() for match in _TOKEN.finditer(text) if match[3] is not None}
+    return Filter(tuple(_conditions(text)), not words.isdisjoint(_OF_ANSWERS))
 
 
-def _conditions(text: str) -> Iterator[Condition]:
+def _conditions(text: str) -> Iterator[_Condition]:
     tokens = [(bool(m[1]), m[2] if m[3] is None else m[3], m[3] is None) for m in _TOKEN.finditer(text)]
     at, negative = 0, False
     while at < len(tokens):
@@ -110,7 +133,7 @@ def _conditions(text: str) -> Iterator[Condition]:
         negative = False
 
 
-def _condition(word: str, following: str) -> tuple[Condition, int]:
+def _condition(word: str, following: str) -> tuple[_Condition, int]:
     """The condition of a word, and how many of the following words belong to it."""
     name = word.lower()
     if name in _WORDS:
@@ -137,12 +160,12 @@ def _condition(word: str, following: str) -> tuple[Condition, int]:
     return _text(word), 0
 
 
-def _text(wanted: str) -> Condition:
+def _text(wanted: str) -> _Condition:
     low = wanted.lower()
     return lambda entry: low in entry.reading.text.lower()
 
 
-def _inverted(condition: Condition) -> Condition:
+def _inverted(condition: _Condition) -> _Condition:
     return lambda entry: not condition(entry)
 
 

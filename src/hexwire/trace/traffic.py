@@ -250,8 +250,9 @@ class Traffic:
             longer = sum(len(each.data) for each in before) >= _LONGEST_REST
             if not good and not longer:
                 return
-            # A frame ends with its tail; nothing marks the end of a packet.
+            # A frame ends with its tail; nothing marks the end of a packet. What is damaged has begun here.
             ends = reading.kind == "packet" or _ends_frame(before)
+            ends = ends and not (before and before[0].kind == "bad" and before[0].start == 0)
             self._begin(reading.way, rest=ends and not longer)
             if not good:
                 return

@@ -83,10 +83,24 @@ def test_live_frames_are_saved_filtered_and_paused(wire: Page, tmp_path: Path) -
     shown = frames.inner_text()
     wire.wait_for_timeout(300)
     assert frames.inner_text() == shown
-    # Another filter is one for what comes, too.
+    # Another filter is one for the frames that are shown, and not for what has come since.
+    newest = max(wire.evaluate(_IN_SIGHT))
+    wire.wait_for_timeout(300)
+    wire.get_by_label("Filter", exact=True).fill("joint_state")
+    wire.wait_for_function(
+        """() => [...document.querySelectorAll(".hw-wire-row:not([hidden]) .hw-wire-text")]
+            .some((each) => !each.textContent.includes("reply"))"""
+    )
+    wire.wait_for_timeout(300)
+    assert newest - 50 < max(wire.evaluate(_IN_SIGHT)) <= newest + 50
     wire.get_by_label("Filter", exact=True).fill("servo")
     wire.get_by_text("servo needs a number").wait_for()
-    wire.get_by_role("button", name="Pause").wait_for()
+    # Nothing is said of frames while there is no filter.
+    wire.wait_for_function("document.querySelector('.hw-wire-status').textContent === ''")
+    assert not wire.locator(".hw-wire-nothing").is_visible()
+    wire.get_by_label("Filter", exact=True).fill("")
+    wire.get_by_role("button", name="Go on").click()
+    wire.wait_for_function(f"Math.max(...({_IN_SIGHT})()) > {newest + 100}")
 
 
 @pytest.mark.slow
@@ -203,7 +217,7 @@ def test_a_filter_that_no_frame_passes_says_so_and_is_removed_by_a_click(wire: P
     assert box.input_value() == "servo_torque"
     wire.get_by_label("Problems").check()
     nothing.get_by_text('is "servo_torque" and a problem').wait_for()
-    wire.get_by_role("button", name="Remove the filter").click()
+    wire.get_by_role("button", name="Show all").click()
     wire.get_by_role("option", name="JOINT_STATE").first.wait_for()
     nothing.wait_for(state="hidden")
     assert (box.input_value(), wire.get_by_label("Problems").is_checked()) == ("", False)
@@ -221,6 +235,23 @@ def test_problems_are_what_is_damaged_has_a_remark_or_reports_an_error(wire: Pag
     assert "bad frame" in rows.nth(0).inner_text()
     assert "TORQUE reply stopped" in rows.nth(1).inner_text()
     assert rows.count() == 2
+
+
+def test_what_the_studio_has_no_more_is_neither_counted_nor_selected(wire: Page, studio: RunningStudio) -> None:
+    ring = studio.studio.wire._ring
+    (_, sample) = ring.since(0)[-1]
+    for _ in range(110):
+        ring.feed(sample._replace(data=sample.data * 100))
+    wire.wait_for_function(
+        """() => {
+            const found = document.querySelector(".hw-wire-status").textContent.match(/(\\d+) of (\\d+) frames/);
+            return found && found[1] === "10000" && found[2] === "10000";
+        }"""
+    )
+    wire.get_by_label("Follow").uncheck()
+    wire.get_by_role("listbox", name="Frames").press("End")
+    wire.get_by_role("listbox", name="Frames").press("Home")
+    wire.get_by_role("region", name="The selected frame").locator(".hw-wire-byte").first.wait_for()
 
 
 def test_an_answer_that_the_filter_hides_is_known_to_its_request(wire: Page) -> None:
@@ -301,6 +332,24 @@ def test_a_press_on_a_frame_selects_it_although_the_list_moves_on(wire: Page) ->
     wire.get_by_role("region", name="The selected frame").get_by_text(
         f"Frame {wire.evaluate('aimed')}, "
     ).wait_for()
+
+
+def test_the_list_stays_while_a_mouse_aims_at_it(wire: Page) -> None:
+    wire.wait_for_function("document.querySelector('.hw-wire-inner').clientHeight > 1200")
+    wire.evaluate(
+        """() => {
+            const list = document.querySelector(".hw-wire-list"), inner = document.querySelector(".hw-wire-inner");
+            const aim = () => list.dispatchEvent(new PointerEvent("pointermove", { pointerType: "mouse" }));
+            window.aiming = setInterval(aim, 20);
+            aim();
+            requestAnimationFrame(() => (window.before = [list.scrollTop, inner.clientHeight]));
+            window.moved = () => [list.scrollTop - before[0], inner.clientHeight - before[1]];
+        }"""
+    )
+    wire.wait_for_function("window.before && moved()[1] > 440")
+    assert wire.evaluate("moved()[0]") < 100
+    wire.evaluate("clearInterval(aiming)")
+    wire.wait_for_function("moved()[0] > 440")
 
 
 @pytest.mark.slow

@@ -20,6 +20,7 @@ const KINDS = [
   { key: "report", text: "reports" },
   { key: "bad", text: "damaged" },
 ];
+const LATE = 2000; // ms
 const SLOW = 1000; // ms after an error
 const SERIES = [
   ["board", "Hex7Bot, by id"],
@@ -32,7 +33,7 @@ const HELP = [
   ["servo 3", "names servo 3, also in a mask of joints; servo 3,4 one of both"],
   ["joint_move", "that command or instruction; another word, such as error, is searched for in the text"],
   ['"two words"', "searched for in the text"],
-  ["bad", "no valid frame or packet; doubt also what has a remark or reports an error"],
+  ["bad", "no valid frame or packet; doubt also what has a remark or reports an error; problem also what was not answered"],
   ["sent, received, unanswered, frame, packet", "what they say; so do request, answer and report"],
   ["dialect 2", "frames of that dialect"],
   ["slow 20", "answers after more than 20 ms, and their requests"],
@@ -59,6 +60,8 @@ class WirePage {
   offset = 0;
   hidden = (sessionStorage.getItem(HIDDEN) ?? "").split(" ").filter(Boolean);
   paused = false;
+  until = Infinity; // number of the newest frame that is shown in a pause
+  settled = true; // all that passes the filter has been asked for
   /** @type {object | null} */
   asking = null;
   /** @type {object | null} */
@@ -83,7 +86,7 @@ class WirePage {
   status = node("span", { class: "hw-wire-status" });
   note = node("p", { class: "hw-wire-note", hidden: true });
   nothingText = node("p", { role: "status" });
-  allButton = button("Remove the filter", () => this.removeFilter());
+  allButton = button("Show all", () => this.removeFilter());
   nothing = node("div", { class: "hw-wire-nothing", hidden: true }, this.nothingText, this.allButton);
   listBox = node("div", { class: "hw-wire-list", role: "listbox", tabindex: "0", "aria-label": "Frames" });
   // On a phone a sheet, which each of its buttons closes; elsewhere its parts stand in the bar.
@@ -128,10 +131,10 @@ class WirePage {
     const shut = { popovertarget: this.sheet.id, popovertargetaction: "hide" };
     const guide = node("details", { class: "hw-wire-guide" }, node("summary", {}, "Words"), help);
     const away = (/** @type {Event} */ event) => {
-      if (!this.root.isConnected) document.removeEventListener("pointerdown", away);
+      if (!this.root.isConnected) document.removeEventListener("click", away);
       else if (!(event.target instanceof Node && guide.contains(event.target))) guide.open = false;
     };
-    document.addEventListener("pointerdown", away);
+    document.addEventListener("click", away); // not when pressed: what is clicked must not move before
     guide.addEventListener("keydown", (event) => {
       if (event.key === "Escape") guide.open = false; // it stops the arm, too
     });
@@ -139,7 +142,7 @@ class WirePage {
     this.sheet.append(
       guide,
       button("Clear", () => this.clear(), shut),
-      node("label", { class: "hw-wire-label" }, "Servos ", this.seriesBox),
+      node("label", { class: "hw-wire-label" }, "Register names ", this.seriesBox),
       node("label", { class: "hw-button hw-wire-open" }, "Open file", this.fileBox),
       button("Save MCAP", () => this.save("mcap"), { ...shut, ...kept }),
       button("Save pcapng", () => this.save("pcapng"), { ...shut, ...kept }),
@@ -192,7 +195,7 @@ class WirePage {
 
   /** What a frame must be: of a kind that is shown, and what was typed. */
   wanted() {
-    return [...this.hidden.map((kind) => `not ${kind}`), ...(this.doubtBox.checked ? ["doubt"] : []), this.filterBox.value].join(" ");
+    return [...this.hidden.map((kind) => `not ${kind}`), ...(this.doubtBox.checked ? ["problem"] : []), this.filterBox.value].join(" ");
   }
 
   // -- asking the studio -----------------------------------------------------------------------------------
@@ -200,23 +203,27 @@ class WirePage {
   // One question at a time, so that a slow browser asks less often, and nothing piles up.
   async poll() {
     clearTimeout(this.timer);
-    if (!this.root.isConnected || this.paused || document.hidden || this.asking) return;
+    const rests = this.paused && (this.settled || this.since >= this.until);
+    if (!this.root.isConnected || rests || document.hidden || this.asking) return;
     if (!hexwire.connected) {
       this.timer = setTimeout(() => this.poll(), PERIOD);
       return;
     }
     const turn = (this.asking = {});
     let wait = PERIOD;
+    const late = setTimeout(() => this.tell("the studio does not answer"), LATE);
     try {
       const page = await hexwire.call("wire.rows", { since: this.since, filter: this.filter });
       if (this.asking !== turn) return; // the answer to a question that was asked anew meanwhile
-      if (!this.paused) this.take(page);
+      this.take(page);
       this.fail("");
       if (page.more) wait = 0;
     } catch (error) {
       if (this.asking !== turn) return;
       if (hexwire.connected) this.fail(whyOf(error));
       wait = SLOW;
+    } finally {
+      clearTimeout(late);
     }
     this.asking = null;
     if (wait) this.timer = setTimeout(() => this.poll(), wait);
@@ -229,15 +236,21 @@ class WirePage {
       const first = this.source === "";
       this.source = page.id;
       this.since = 0;
+      if (this.paused) this.setPaused(false); // what was shown is of something else
       // What was kept before somebody looked comes in the first second, and is no rate.
       this.rate = { number: NaN, time: performance.now(), value: NaN };
       this.clear();
       if (!first) return;
     }
-    this.since = page.next;
+    this.since = Math.min(page.next, this.until);
     this.list.live = page.view === "live";
     this.offset = this.list.offset = page.offset;
-    this.list.push(page.rows, page.answers);
+    const rows = page.rows.filter((row) => row[NUMBER] <= this.until);
+    this.list.push(rows, page.answers.filter(([, answer]) => answer <= this.until), page.first);
+    if (!this.settled && (!page.more || this.since >= this.until)) {
+      this.settled = true;
+      this.list.revealSelected();
+    }
     // Unless a frame would take the room of the list.
     if (page.view === "file" && !this.list.selected && this.list.rows.length && this.detailBox.clientWidth) {
       this.list.select(this.list.rows[0][NUMBER]);
@@ -259,7 +272,8 @@ class WirePage {
     const rate = live && page.name && this.rate.value >= 0 ? `${this.rate.value.toFixed(0)} frames/s` : "";
     const left = page.skipped ? `${page.skipped} transfers before were not read` : "";
     const stays = live && this.list.selected && this.list.follow ? `stays at frame ${this.list.selected} until Close` : "";
-    this.tell(where, `${this.list.rows.length} of ${kept} frames`, span, rate, left, stays);
+    if (this.paused) this.tell(`paused; of what goes on, the studio keeps ${kept} frames`);
+    else this.tell(where, `${this.list.kept} of ${kept} frames`, span, rate, left, stays);
     this.nothing.hidden = this.list.rows.length > 0 || !kept || page.more;
     if (!this.nothing.hidden) {
       const asked = [this.filterBox.value && `"${this.filterBox.value}"`, this.doubtBox.checked && "a problem"].filter(Boolean).join(" and ");
@@ -282,6 +296,10 @@ class WirePage {
   /** @param {string} text */
   fail(text) {
     if (this.problem.textContent !== text) this.problem.textContent = text;
+    if (text) {
+      this.nothing.hidden = true;
+      this.tell();
+    }
     this.filterBox.setAttribute("aria-invalid", text ? "true" : "false");
   }
 
@@ -329,10 +347,10 @@ class WirePage {
     this.filterBox.focus();
   }
 
-  /** What is shown now passes another filter, so it is asked for anew; a pause ends by that. */
+  /** What is shown passes another filter, so it is asked for anew; in a pause, up to where it began. */
   again() {
-    if (this.paused) this.setPaused(false);
     this.since = 0;
+    this.settled = false;
     this.asking = null;
     const selected = this.list.selected;
     this.list.clear();
@@ -357,7 +375,8 @@ class WirePage {
   /** @param {boolean} paused */
   setPaused(paused) {
     this.paused = paused;
-    if (paused) this.tell("paused; the traffic goes on and is kept");
+    this.until = paused ? this.since : Infinity;
+    if (paused) this.tell("paused; the traffic goes on, and is kept");
     this.pauseButton.textContent = paused ? "Go on" : "Pause";
     this.pauseButton.setAttribute("aria-pressed", paused ? "true" : "false");
     this.poll();

@@ -54,9 +54,10 @@ export class Detail {
     this.bytes = node("div", { class: "hw-wire-bytes", tabindex: 0, role: "listbox", "aria-label": "Bytes of the frame" });
     this.info = node("div", { class: "hw-wire-info", "aria-live": "polite" });
     this.tree = node("div", { class: "hw-wire-tree", tabindex: 0, role: "tree", "aria-label": "Layers and fields of the frame" });
+    this.copyButton = node("button", { type: "button", class: "hw-button", onclick: () => this.copy() }, "Copy");
     element.append(
       node("div", { class: "hw-wire-tools" },
-        node("button", { type: "button", class: "hw-button", onclick: () => this.copy() }, "Copy"),
+        this.copyButton,
         node("button", { type: "button", class: "hw-button", onclick: onClose }, "Close")),
       this.head, this.bytes, this.info, this.tree,
     );
@@ -227,7 +228,8 @@ export class Detail {
       event.preventDefault();
     };
     document.addEventListener("copy", give, { once: true });
-    document.execCommand("copy");
+    put(this.copyButton, document.execCommand("copy") ? "Copied" : "Not copied");
+    setTimeout(() => put(this.copyButton, "Copy"), 2000);
   }
 
   // -- choosing ------------------------------------------------------------------------------------------

@@ -3,7 +3,8 @@
 
 import { node, put, within } from "./widgets.js";
 
-const MOST = 10000; // rows, as many as the studio keeps of the line
+const MANY = 500; // rows that are dropped at a time
+const AIMING = 500; // ms after the last move of a mouse over the list in which it stays
 const SPARE = 8; // rows above and below what is visible
 
 // Places in a row, as traffic.py writes it.
@@ -68,6 +69,8 @@ export class FrameList {
     this.grown = false; // rows have come since it was put there
     this.held = false; // by the mouse on its bar or by a key: only then, or by a finger, scrolling says what the person wants
     this.touched = false; // by a finger, under which the list must not move
+    this.aimed = -Infinity; // when a mouse was moved over it last: what it aims at must not move away
+    this.oldest = 0; // number that the studio has still
     this.asked = false;
     this.inner = document.createElement("div");
     this.inner.className = "hw-wire-inner";
@@ -90,6 +93,9 @@ export class FrameList {
       this.held = true;
       window.addEventListener(until, () => (this.held = false), { once: true });
     };
+    element.addEventListener("pointermove", (event) => {
+      if (event.pointerType === "mouse") this.aimed = performance.now();
+    });
     for (const name of ["touchstart", "touchend", "touchcancel"]) {
       element.addEventListener(name, (event) => {
         this.scrolled();
@@ -116,16 +122,19 @@ export class FrameList {
   /**
    * @param {WireRow[]} rows
    * @param {[number, number][]} answers that are not among the rows, after their requests
+   * @param {number} oldest
    */
-  push(rows, answers) {
+  push(rows, answers, oldest) {
+    this.oldest = oldest;
     for (const [request, answer] of answers) this.answers.set(request, answer);
     if (!rows.length && !answers.length) return;
     for (const row of rows) {
       this.rows.push(row);
       if (row[REQUEST]) this.answers.set(row[REQUEST], row[NUMBER]);
     }
-    if (this.rows.length > MOST + 1000) {
-      const gone = this.rows.splice(0, this.rows.length - MOST);
+    const old = this.rows.length - this.kept;
+    if (old >= MANY) {
+      const gone = this.rows.splice(0, old);
       for (const row of gone) this.answers.delete(row[NUMBER]);
       const above = gone.length * this.height;
       if (!this.goesOn || this.touched) this.element.scrollTop -= above;
@@ -133,6 +142,11 @@ export class FrameList {
     }
     this.grown = rows.length > 0 || this.grown;
     this.draw();
+  }
+
+  /** How many of the rows the studio has still. */
+  get kept() {
+    return this.rows.length - this.place(this.oldest);
   }
 
   // The place of a number, or of the first one after it.
@@ -177,6 +191,11 @@ export class FrameList {
     element.scrollTop = Math.min(place * height, Math.max(under, element.scrollTop));
   }
 
+  /** Show what is nearest to the selected frame, among other rows than before. */
+  revealSelected() {
+    if (this.selected) this.reveal(Math.min(this.rows.length - 1, this.place(this.selected)));
+  }
+
   /** The list has another size, perhaps also its rows. What is looked at stays in sight. */
   resize() {
     const height = parseFloat(getComputedStyle(this.element).getPropertyValue("--row")) || this.height;
@@ -200,7 +219,8 @@ export class FrameList {
     event.preventDefault();
     const known = this.selected && this.find(this.selected);
     const from = known ? this.place(this.selected) : this.rows.length - 1;
-    const to = Math.min(this.rows.length - 1, Math.max(0, known ? from + steps[event.key] : from));
+    const oldest = Math.min(this.rows.length - 1, this.place(this.oldest));
+    const to = Math.min(this.rows.length - 1, Math.max(oldest, known ? from + steps[event.key] : from));
     if (to < this.rows.length - 1) this.setFollow(false);
     this.select(this.rows[to][NUMBER]);
   }
@@ -224,9 +244,9 @@ export class FrameList {
     this.draw();
   }
 
-  /** Whether it goes along with new rows: it stays where a frame is read. */
+  /** Whether it goes along with new rows: it stays where a frame is read, and under a mouse that aims. */
   get goesOn() {
-    return this.follow && this.live && !this.selected;
+    return this.follow && this.live && !this.selected && performance.now() - this.aimed > AIMING;
   }
 
   draw() {
