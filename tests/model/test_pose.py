@@ -31,6 +31,14 @@ def test_quaternion_turns_as_the_matrix_does(roll: float, pitch: float, yaw: flo
     assert flat(again) == pytest.approx(flat(m), abs=1e-12)
 
 
+@pytest.mark.parametrize("axis", range(3))
+def test_the_quaternion_of_a_half_turn_is_its_axis(axis: int) -> None:
+    """Exactly half a turn: all but one of the four numbers are 0."""
+    a, b, c = (1.0 if i == axis else -1.0 for i in range(3))
+    x, y, z, w = p.quaternion(((a, 0.0, 0.0), (0.0, b, 0.0), (0.0, 0.0, c)))
+    assert (abs(x), abs(y), abs(z), w) == tuple(float(i == axis) for i in range(4))
+
+
 @given(ANGLES, ANGLES, ANGLES, st.floats(0, 1))
 def test_slerp_ends_where_it_should_and_turns_evenly(roll: float, pitch: float, yaw: float, part: float) -> None:
     a, b = p.rotation_from_rpy(0.3, -0.2, 1.0), p.rotation_from_rpy(roll, pitch, yaw)

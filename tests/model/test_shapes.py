@@ -141,6 +141,15 @@ def test_parts_are_as_large_and_as_heavy_as_those_of_an_arm(robot: str, part: fl
     assert total / 2 < sum(masses) < total
 
 
+@pytest.mark.parametrize("robot", ARMS)
+def test_the_mass_of_a_part_is_where_the_part_is(robot: str) -> None:
+    for link in make_shapes(make_kinematics(robot)).links:
+        for end in (link.inertia.start, link.inertia.end) if link.inertia else ():
+            # From a ball around each of its solids.
+            beyond = [math.dist(end, shape.place) - math.hypot(*shape.size) / 2 for shape in link.shapes]
+            assert min(beyond) < 0.13, f"{link.name}: {end}"
+
+
 def test_turret_and_upper_arm_are_the_same_on_both_sides() -> None:
     for link in make_shapes(make_kinematics("hex7bot")).links:
         parts = {shape.name: shape for shape in link.shapes if link.name in ("turret", "upper_arm")}
