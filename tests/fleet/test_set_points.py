@@ -230,19 +230,21 @@ def test_a_lease_of_another_ends_it_with_the_reason() -> None:
         assert words in str(error)
 
 
-def test_another_lease_has_another_number_and_no_memory() -> None:
+@pytest.mark.parametrize("key", [1, KEY])
+def test_another_lease_has_another_number_and_no_memory(key: int) -> None:
     reports = SetPointReports()
-    first = reports.number(KEY)
-    reports.refuse(KEY, 3, LeaseError("too late"))
-    assert reports.number(KEY + 1) not in (first, KEY + 1)
+    first = reports.number(key)
+    assert first != 0, "that of nobody"
+    reports.refuse(key, 3, LeaseError("too late"))
+    assert reports.number(key + 1) not in (first, key + 1)
     # One that ended late is nobody's any more.
-    reports.done(KEY, 4, SENT)
-    assert reports.report(KEY + 1, reports.dealt) == m.Stream(reports.number(KEY + 1))
+    reports.done(key, 4, SENT)
+    assert reports.report(key + 1, reports.dealt) == m.Stream(reports.number(key + 1))
     assert reports.report(0, (0, 0)) is None
     # A state that is made while the lease changes hands gives no number to one that has none, nor takes one away.
-    second = reports.number(KEY + 1)
-    assert [reports.report(key, (0, 0)) for key in (KEY, KEY + 2)] == [None, None]
-    assert reports.number(KEY + 1) == second
+    second = reports.number(key + 1)
+    assert [reports.report(other, (0, 0)) for other in (key, key + 2)] == [None, None]
+    assert reports.number(key + 1) == second
 
 
 @pytest.mark.parametrize("refused", [0, 1])

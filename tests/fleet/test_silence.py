@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 
+from hexwire.fleet.clock import ClockOffset
 from hexwire.fleet.remote import Silence
+from hexwire.fleet.states import ArrivedStates
 
-NEVER = -math.inf
+NEVER = ArrivedStates("zenoh:arm", ClockOffset()).arrived
 
 
 def test_a_pause_is_reported_once_and_within_a_second(caplog: pytest.LogCaptureFixture) -> None:
