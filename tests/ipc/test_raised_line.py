@@ -1,10 +1,12 @@
 from __future__ import annotations
 
 import logging
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
+from tests.waits import PATIENCE
 
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
 from hexwire.emulator.serve import BoardLink, FakeClock, PacedLine
@@ -219,6 +221,14 @@ def test_a_lost_port_is_opened_at_its_own_rate() -> None:
         session.open()
         session.negotiate()
         assert link.baud == FAST
+
+
+def test_a_thread_keeps_the_rate_that_was_raised(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun = threading.Event()
+    monkeypatch.setattr(raised_line.RaisedLine, "_keep", lambda self: begun.set())
+    with line() as (session, _):
+        session.negotiate()
+        assert begun.wait(PATIENCE)
 
 
 def test_the_rate_is_kept_while_nothing_else_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:

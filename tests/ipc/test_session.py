@@ -576,6 +576,25 @@ def test_a_datagram_link_ends_a_frame_with_its_message() -> None:
         assert session.connection.decoder.counters.bytes_dropped == 6
 
 
+def test_another_stop_does_not_void_what_precedes_one_over_datagrams(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    near, far = memory_pair(LinkKind.DATAGRAM)
+    held: list[bool] = []
+
+    def wait(ticket: int, *_: object) -> None:
+        session.connection.void()
+        held.append(session.connection.holds(ticket))
+        raise LinkLostError("enough", url=near.url)
+
+    with far, over(near) as session:
+        monkeypatch.setattr(session, "_await", wait)
+        monkeypatch.setattr(session, "_reopen", lambda lost: None)
+        with pytest.raises(LinkLostError):
+            session.request(Command.STOP, b"\0")
+    assert held == [True]
+
+
 def test_a_reply_that_came_while_nobody_read_answers_no_later_request() -> None:
     link = board_link(dialect=1)
     with over(link) as session:
