@@ -259,6 +259,31 @@ def test_set_points_that_go_on_through_a_stop_move_nothing_after_the_reset(
     assert not front.near(stood, 0.1), "after a pause they begin anew"
 
 
+@pytest.mark.parametrize("topic", [STREAM, "/joint_commands"])
+def test_set_points_that_the_network_holds_back_through_a_stop_have_not_paused(front: Front, topic: str) -> None:
+    target = aside(front, 1.1)
+    values = [(front.positions | target)[joint] for joint in NAMES]
+    fields = {"data": values} if topic == STREAM else {"name": [*NAMES], "position": values}
+    sent = front.now_ns()
+
+    def follow(count: int) -> None:
+        nonlocal sent
+        for _ in range(count):
+            sent += 20_000_000
+            front.node.subscriptions[topic].receive(sent, **fields)
+            front.turn(0.02)
+
+    start = front.positions
+    follow(6)
+    assert not front.near(start, 0.05)
+    front.trigger("stop")
+    stood = front.still(0.5)
+    front.trigger("reset")
+    front.turn(1.0)
+    follow(40)
+    assert front.near(stood, 0.002)
+
+
 def test_set_points_with_gains_are_followed_and_what_has_no_effect_is_said(
     front: Front, caplog: pytest.LogCaptureFixture
 ) -> None:

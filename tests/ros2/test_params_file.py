@@ -63,7 +63,7 @@ def test_not_a_number_is_read() -> None:
     ("text", "words"),
     [
         ("", "No value"),
-        ("[a", "expected"),
+        ("[a", r"expected ',' or '\]', but got '<stream end>'$"),
         ("{a: 1}", "scalar or a list"),
         ("[1, 2.0]", "Sequence should be of same type. Value type 'double'"),
         ("[1, true]", "Value type 'bool'"),
