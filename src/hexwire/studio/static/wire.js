@@ -58,7 +58,8 @@ class WirePage {
   source = "";
   since = 0;
   offset = 0;
-  hidden = (sessionStorage.getItem(HIDDEN) ?? "").split(" ").filter(Boolean);
+  // At first without what a board sends by itself, many times a second: nothing else could be seen among it.
+  hidden = (sessionStorage.getItem(HIDDEN) ?? "report").split(" ").filter(Boolean);
   paused = false;
   until = Infinity; // number of the newest frame that is shown in a pause
   settled = true; // all that passes the filter has been asked for

@@ -11,7 +11,7 @@ const SPARE = 8; // rows above and below what is visible
 export const NUMBER = 0, TIME = 1, SENT = 2, KIND = 3, SIZE = 4, TEXT = 5, PROBLEM = 6, BAD = 7, REQUEST = 8, TOOK = 9;
 
 // The frame itself has them; here they hide what changes.
-const DULL = /time_us \d+, fields \d+, |, spare 0|(count|joints) \d+ (?=\()/g;
+const DULL = /time_us \d+, fields \d+, |, joints \d+, spare 0|count \d+ (?=\()/g;
 const OF_SERVO = /\(servo_id (\d+), position /g;
 const REPORT = /^2 \w+ report /; // what a board sends by itself, again and again
 
