@@ -61,6 +61,7 @@ class WirePage {
   // At first without what a board sends by itself, many times a second: nothing else could be seen among it.
   hidden = (sessionStorage.getItem(HIDDEN) ?? "report").split(" ").filter(Boolean);
   paused = false;
+  pause = ""; // what is said in one
   until = Infinity; // number of the newest frame that is shown in a pause
   settled = true; // all that passes the filter has been asked for
   /** @type {object | null} */
@@ -273,7 +274,7 @@ class WirePage {
     const rate = live && page.name && this.rate.value >= 0 ? `${this.rate.value.toFixed(0)} frames/s` : "";
     const left = page.skipped ? `${page.skipped} transfers before were not read` : "";
     const stays = live && this.list.selected && this.list.follow ? `stays at frame ${this.list.selected} until Close` : "";
-    if (this.paused) this.tell(`paused; of what goes on, the studio keeps ${kept} frames`);
+    if (this.paused) this.tell(`${this.list.rows.length} frames`, this.pause);
     else this.tell(where, `${this.list.kept} of ${kept} frames`, span, rate, left, stays);
     this.nothing.hidden = this.list.rows.length > 0 || !kept || page.more;
     if (!this.nothing.hidden) {
@@ -377,7 +378,8 @@ class WirePage {
   setPaused(paused) {
     this.paused = paused;
     this.until = paused ? this.since : Infinity;
-    if (paused) this.tell("paused; the traffic goes on, and is kept");
+    this.pause = `paused at ${new Date().toLocaleTimeString()}: the traffic goes on, and Save takes what the studio has by then`;
+    if (paused) this.tell(this.pause);
     this.pauseButton.textContent = paused ? "Go on" : "Pause";
     this.pauseButton.setAttribute("aria-pressed", paused ? "true" : "false");
     this.poll();
