@@ -91,8 +91,9 @@ class ShakyBoard(ChipBoard):
 
 @pytest.mark.parametrize("rate", [500_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
 def test_the_rate_of_the_line_is_raised_and_put_back(rate: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    # A machine that stalls for longer than a check may take is no line that does not hold the rate.
-    monkeypatch.setattr(raised_line, "_CHECK", 20.0)
+    # A machine that stalls for longer than an answer may take is no line that does not hold the rate.
+    for name in ("_ANSWER", "_CHECK"):
+        monkeypatch.setattr(raised_line, name, 20.0)
     with on_pty(PtyBoard(ChipBoard())) as board:
         chip = board.machine
         assert isinstance(chip, ChipBoard)
