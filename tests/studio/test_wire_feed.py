@@ -145,6 +145,15 @@ def test_what_depends_on_an_answer_is_shown_when_that_is_overdue(line: Line, wor
     assert rows == {"not slow 5000": {1: "", **lost}, "not unanswered": {1: ""}}.get(words, lost)
 
 
+def test_the_oldest_frame_that_is_shown_can_be_opened_after_some_more_have_come(line: Line) -> None:
+    line.feed._ring.feed(Passed(Direction.SENT, frame() * 11_000, 1.0, ""))
+    first = line.feed.rows(10_500)["first"]
+    assert first == 1001
+    line.feed._ring.feed(Passed(Direction.SENT, frame() * 400, 1.1, ""))
+    assert line.feed.rows(11_000)["first"] == 1401
+    assert line.feed.frame(first)["number"] == first
+
+
 def test_many_frames_come_in_pages(line: Line) -> None:
     line.feed._ring.feed(Passed(Direction.SENT, frame() * 2500, 1.0, ""))
     first = line.feed.rows(0)

@@ -21,7 +21,9 @@ from .wire_view import SERIES, View, known_series
 __all__ = ["WireFeed"]
 
 _KEPT = 10_000
-"""Frames that are shown of the line, as many as a page keeps; about 1 kB each."""
+"""Frames that are shown of the line; about 1 kB each."""
+_SPARE = 500
+"""More that are kept, so that the oldest one that a page shows can still be opened."""
 _BACKLOG = 2000
 """Transfers from before somebody looked that are read then."""
 _STEP = 400
@@ -58,7 +60,7 @@ class _LineView(View):
     """The open line; ``read`` is the number of the last transfer that was read."""
 
     def __init__(self, url: str, series: str) -> None:
-        super().__init__("live", url, Traffic(series, most=_KEPT))
+        super().__init__("live", url, Traffic(series, most=_KEPT + _SPARE), _KEPT)
         self.read = self.skipped = 0
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import secrets
+import sys
 from typing import Any
 
 from hexwire.errors import UsageError
@@ -46,14 +47,15 @@ class View:
         kind: ``live`` or ``file``.
         name: Of the line or the file.
         traffic: The frames.
+        most: As many of them are said to be kept.
 
     Attributes:
         id: Another one for each.
     """
 
-    def __init__(self, kind: str, name: str, traffic: Traffic) -> None:
+    def __init__(self, kind: str, name: str, traffic: Traffic, most: int = sys.maxsize) -> None:
         self.id = secrets.token_hex(8)
-        self.kind, self.name, self.traffic = kind, name, traffic
+        self.kind, self.name, self.traffic, self._most = kind, name, traffic, most
         self._explainer = Explainer(traffic.series)
 
     def rows(self, since: int, wanted: str = "", note: str = "", offset: float = 0.0) -> dict[str, Any]:
@@ -76,7 +78,8 @@ class View:
             UsageError: The filter is wrong.
         """
         passes, traffic = parse_filter(wanted), self.traffic
-        oldest, newest = traffic.get(traffic.newest - len(traffic) + 1), traffic.get(traffic.newest)
+        first = traffic.newest - min(len(traffic), self._most) + 1
+        oldest, newest = traffic.get(first), traffic.get(traffic.newest)
         overdue = (
             newest.reading.time - _OVERDUE if newest and passes.of_answers and self.kind == "live" else math.inf
         )
@@ -106,7 +109,7 @@ class View:
             "answers": answers,
             "next": reached if found or looked else min(since, traffic.newest),
             "more": more and reached < traffic.newest,
-            "first": traffic.newest - len(traffic) + 1,
+            "first": first,
             "newest": traffic.newest,
             "span": newest.reading.time - oldest.reading.time if oldest and newest else 0.0,
             "id": self.id,
