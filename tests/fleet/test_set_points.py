@@ -247,18 +247,24 @@ def test_another_lease_has_another_number_and_no_memory(key: int) -> None:
     assert reports.number(key + 1) == second
 
 
-@pytest.mark.parametrize("refused", [0, 1])
-def test_the_lease_is_given_back_after_the_set_points_and_what_was_refused_is_logged(
-    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, refused: int
-) -> None:
-    robot, server = attached(monkeypatch)
+def detaching(robot: RemoteRobot) -> tuple[FakeInbox, threading.Thread]:
+    """Detach, in a thread, a robot that has sent a set-point of which no state tells yet."""
     robot.take()
     robot._set_points.begin(5)
     robot._set_points.published(1, time.monotonic())
     inbox = robot._states._inbox
     assert isinstance(inbox, FakeInbox)
-    thread = threading.Thread(target=robot.detach)
+    thread = threading.Thread(target=robot.detach, daemon=True)
     thread.start()
+    return inbox, thread
+
+
+@pytest.mark.parametrize("refused", [0, 1])
+def test_the_lease_is_given_back_after_the_set_points_and_what_was_refused_is_logged(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, refused: int
+) -> None:
+    robot, server = attached(monkeypatch)
+    inbox, thread = detaching(robot)
     assert inbox.waiting.acquire(timeout=30.0)
     assert not any(isinstance(message, m.Leave) for _, message in server.asked)
     told = m.Stream(5, 1, refused, 1, "LimitError" if refused else "", "too far")
@@ -274,13 +280,7 @@ def test_the_lease_is_given_back_although_no_state_tells_of_the_set_points(
 ) -> None:
     monkeypatch.setattr("hexwire.fleet.remote._TIMEOUT", 0.1)
     robot, server = attached(monkeypatch)
-    robot.take()
-    robot._set_points.begin(5)
-    robot._set_points.published(1, time.monotonic())
-    inbox = robot._states._inbox
-    assert isinstance(inbox, FakeInbox)
-    thread = threading.Thread(target=robot.detach, daemon=True)
-    thread.start()
+    inbox, thread = detaching(robot)
 
     def ended() -> bool:
         inbox.wake()

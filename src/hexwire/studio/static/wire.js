@@ -11,7 +11,7 @@ import { FrameList, NUMBER, asText } from "./wire_list.js";
 const PERIOD = 100; // ms between two questions for rows
 const FOLLOW = "hexwire-wire-follow";
 const HIDDEN = "hexwire-wire-hidden";
-const DOUBT = "hexwire-wire-doubt";
+const PROBLEMS = "hexwire-wire-problems";
 const FILTER = "hexwire-wire-filter";
 // Each frame is of one kind.
 const KINDS = [
@@ -79,7 +79,7 @@ class WirePage {
   pauseButton = button("Pause", () => this.setPaused(!this.paused), { "aria-pressed": "false" });
   followBox = node("input", { type: "checkbox", checked: true });
   followLabel = node("label", { class: "hw-wire-label" }, this.followBox, " Follow");
-  doubtBox = node("input", { type: "checkbox", checked: sessionStorage.getItem(DOUBT) === "1", onchange: () => this.setFilter(0) });
+  problemsBox = node("input", { type: "checkbox", checked: sessionStorage.getItem(PROBLEMS) === "1", onchange: () => this.setFilter(0) });
   seriesBox = node("select");
   fileBox = node("input", { type: "file", class: "hw-wire-file", "aria-label": "Open a recording, capture or log" });
   liveButton = button("Back to the line", () => this.backToLine(), { hidden: true });
@@ -156,7 +156,7 @@ class WirePage {
         this.sheet),
       node("div", { class: "hw-wire-line" },
         this.liveButton, this.pauseButton, this.followLabel, this.kinds(),
-        node("label", { class: "hw-wire-label" }, this.doubtBox, " Problems"), this.status, this.problem, this.refusal),
+        node("label", { class: "hw-wire-label" }, this.problemsBox, " Problems"), this.status, this.problem, this.refusal),
       this.note,
       node("div", { class: "hw-wire-panes" },
         node("div", { class: "hw-wire-left" },
@@ -197,7 +197,7 @@ class WirePage {
 
   /** What a frame must be: of a kind that is shown, and what was typed. */
   wanted() {
-    return [...this.hidden.map((kind) => `not ${kind}`), ...(this.doubtBox.checked ? ["problem"] : []), this.filterBox.value].join(" ");
+    return [...this.hidden.map((kind) => `not ${kind}`), ...(this.problemsBox.checked ? ["problem"] : []), this.filterBox.value].join(" ");
   }
 
   // -- asking the studio -----------------------------------------------------------------------------------
@@ -278,7 +278,7 @@ class WirePage {
     else this.tell(where, `${this.list.kept} of ${kept} frames`, span, rate, left, stays);
     this.nothing.hidden = this.list.rows.length > 0 || !kept || page.more;
     if (!this.nothing.hidden) {
-      const asked = [this.filterBox.value && `"${this.filterBox.value}"`, this.doubtBox.checked && "a problem"].filter(Boolean).join(" and ");
+      const asked = [this.filterBox.value && `"${this.filterBox.value}"`, this.problemsBox.checked && "a problem"].filter(Boolean).join(" and ");
       put(this.nothingText, `No frame of ${this.hidden.length ? "the kinds that are shown" : live ? "these" : "the file"}${asked && ` is ${asked}`}`);
       this.allButton.hidden = !asked;
     }
@@ -335,7 +335,7 @@ class WirePage {
   setFilter(wait = 150) {
     clearTimeout(this.typing);
     sessionStorage.setItem(FILTER, this.filterBox.value);
-    sessionStorage.setItem(DOUBT, this.doubtBox.checked ? "1" : "0");
+    sessionStorage.setItem(PROBLEMS, this.problemsBox.checked ? "1" : "0");
     this.typing = setTimeout(() => {
       this.filter = this.wanted();
       this.again();
@@ -344,7 +344,7 @@ class WirePage {
 
   removeFilter() {
     this.filterBox.value = "";
-    this.doubtBox.checked = false;
+    this.problemsBox.checked = false;
     this.setFilter(0);
     this.filterBox.focus();
   }
