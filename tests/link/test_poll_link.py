@@ -234,6 +234,38 @@ def test_a_read_or_write_that_meets_a_close_under_way_says_so() -> None:
         closer.outcome()
 
 
+def test_what_ends_the_line_while_it_is_being_closed_is_no_loss() -> None:
+    uses: list[Callable[[ScriptedLink], object]] = [
+        lambda link: link.read(None),
+        lambda link: link.collect(PATIENCE),
+        lambda link: link.flush_input(),
+        lambda link: link.write(b"x"),
+        lambda link: link.post(b"x"),
+        lambda link: link.exchange(b"x", PATIENCE),
+    ]
+    for use in uses:
+        for error in (OSError(errno.EIO, "Input/output error"), LinkLostError("it went away")):
+            link = ScriptedLink()
+            begun = threading.Event()
+
+            def ends(
+                *_: object, link: ScriptedLink = link, begun: threading.Event = begun, error: OSError = error
+            ) -> int:
+                begun.set()
+                for _ in iter(lambda: link._closing, True):
+                    time.sleep(0.001)
+                raise error
+
+            link._read_ready = link._write_ready = ends  # type: ignore[assignment,method-assign]
+            link.open()
+            link.far.send(b"x")
+            user = Background(lambda link=link, use=use: use(link))  # type: ignore[misc]
+            assert begun.wait(PATIENCE)
+            link.close()
+            with pytest.raises(LinkClosedError):
+                user.outcome()
+
+
 def test_flush_input_ends_even_if_the_peer_never_does(monkeypatch: pytest.MonkeyPatch) -> None:
     with ScriptedLink() as link:
         monkeypatch.setattr(link, "_read_ready", lambda: bytes(1000))

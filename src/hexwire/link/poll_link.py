@@ -494,8 +494,13 @@ class PollLink(Link):
             return error
         return self._lose(error)
 
-    def _lose(self, error: OSError) -> LinkLostError:
-        """Enter the lost state for good (until the next open) and make the error that says so."""
+    def _lose(self, error: OSError) -> LinkLostError | LinkClosedError:
+        """Enter the lost state for good (until the next open) and make the error that says so.
+
+        While `close` waits for its turn, a backend's own threads may have ended the line: that is no loss.
+        """
+        if self._closing:
+            return self._closed()
         if isinstance(error, LinkLostError):
             self._why_lost = str(error)
         else:
