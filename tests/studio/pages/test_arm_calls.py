@@ -39,22 +39,17 @@ class Desk:
         self.studio.source.take(self.tab)
 
     def ask(self, call: str, /, **args: Any) -> Any:
-        try:
-            answer = asyncio.run(self.studio.call(self.tab, f"arm.{call}", args))
-        except HexwireError as error:
-            return {"error": str(error)}
-        # What a browser gets.
-        return json.loads(json.dumps(answer, allow_nan=False))
+        """The answer, from an arm that has just answered: on a busy machine, it has not for a moment."""
 
-    def plan(self, call: str, /, **args: Any) -> Any:
-        """As `ask`, from an arm that has just answered: on a busy machine, it has not for a moment."""
+        def asked() -> list[Any]:
+            try:
+                answer = asyncio.run(self.studio.call(self.tab, f"arm.{call}", args))
+            except HexwireError as error:
+                return [] if "no state from the robot" in str(error) else [{"error": str(error)}]
+            # What a browser gets.
+            return [json.loads(json.dumps(answer, allow_nan=False))]
 
-        def planned() -> list[Any]:
-            found = self.ask(call, **args)
-            old = isinstance(found, dict) and "no state from the robot" in found.get("error", "")
-            return [] if old else [found]
-
-        return eventually(planned)[0]
+        return eventually(asked)[0]
 
 
 @pytest.fixture
@@ -147,7 +142,7 @@ def test_a_timeline_is_smoothed_cut_and_kept_as_a_new_recording(desk: Desk, tmp_
 
     # What is kept is what would be played; nothing is replaced by the way.
     part = {"recording": "wave.mcap", "begin": 0.5, "end": 1.5, "smooth": 0.2, "factor": 0.5}
-    assert desk.plan("preview", motion={"what": "play", **part})["duration"] > 2.0
+    assert desk.ask("preview", motion={"what": "play", **part})["duration"] > 2.0
     assert desk.ask("save_taught", name="part", motion=part) == ["part.mcap", "wave.mcap"]
     assert read_taught(str(folder / "part.mcap")).duration == pytest.approx(2.0, abs=1e-3)
     was = (folder / "wave.mcap").read_bytes()
@@ -168,7 +163,7 @@ def test_a_timeline_is_smoothed_cut_and_kept_as_a_new_recording(desk: Desk, tmp_
         for call, more in (("save_taught", {"name": "other"}), ("preview", {}), ("timeline", {})):
             motion: dict[str, object] = {"what": "play", "recording": "wave.mcap"} | wrong
             if call != "timeline" or not {"begin", "end", "factor"} & wrong.keys() or said.endswith("number"):
-                assert re.search(said, desk.plan(call, motion=motion, **more)["error"]), (call, wrong)
+                assert re.search(said, desk.ask(call, motion=motion, **more)["error"]), (call, wrong)
     for name in ("../x", "", "a/b", "x" * 200, "a\0b"):
         assert "cannot be the name" in desk.ask("save_taught", name=name, motion=part)["error"], name
     assert desk.ask("recordings") == ["part.mcap", "wave.mcap"]
@@ -265,19 +260,19 @@ def test_a_program_is_checked_as_a_whole_and_nothing_moves(desk: Desk, monkeypat
     monkeypatch.setattr("hexwire.control.requests.program._MOST_CHECKED", 10)
     owner = desk.arm.arm.owner
     before = eventually(lambda: owner.state).positions
-    rows = desk.plan("check_program", steps=STEPS)
+    rows = desk.ask("check_program", steps=STEPS)
     # What is repeated is planned once from each place where it begins.
     assert [row["number"] for row in rows] == ["1", "2.1", "2.3", "2.1", "3"]
     assert all(row["refusal"] == "" for row in rows)
     assert rows[1]["duration"] > 0.05
     # A step that is allowed by itself, but not from where the one before it ends.
     away = [{"joints": {"J1": 60.0}}, {"place": [0.0, 0.0, -120.0], "relative": True, "line": True}]
-    refused = desk.plan("check_program", steps=[*away, {"wait": 1}])
+    refused = desk.ask("check_program", steps=[*away, {"wait": 1}])
     assert (len(refused), refused[1]["number"]) == (2, "2")
     assert refused[1]["refusal"]
     # From any step, which begins where the arm is.
-    assert [row["number"] for row in desk.plan("check_program", steps=[*away, {"grip": 0.0}], first=3)] == ["3"]
-    assert "there is no step 9" in desk.plan("check_program", steps=away, first=9)["error"]
+    assert [row["number"] for row in desk.ask("check_program", steps=[*away, {"grip": 0.0}], first=3)] == ["3"]
+    assert "there is no step 9" in desk.ask("check_program", steps=away, first=9)["error"]
     for steps, said in (
         ([{"pose": "nowhere"}], "step 1: no pose 'nowhere'"),
         ([{"play": "missing.mcap"}], "missing.mcap"),
@@ -285,5 +280,5 @@ def test_a_program_is_checked_as_a_whole_and_nothing_moves(desk: Desk, monkeypat
         ([], "at least 1|1 to 500"),
         ([{"repeat": 11, "steps": [{"place": [0.0, 0.0, 0.1], "relative": True}]}], "too many to be checked"),
     ):
-        assert re.search(said, desk.plan("check_program", steps=steps)["error"]), steps
+        assert re.search(said, desk.ask("check_program", steps=steps)["error"]), steps
     assert eventually(lambda: owner.state).positions == pytest.approx(before, abs=1e-3)
