@@ -200,7 +200,7 @@ def test_the_list_stays_at_a_frame_that_is_read_until_it_is_closed(wire: Page) -
         press(wire.locator(".hw-wire-row:not([hidden])").last)
         status.get_by_text("stays at frame").wait_for()
         # Beside the frame the list is narrower, and shows the rows around it.
-        wire.locator(".hw-wire-detail").get_by_text("Frame ").wait_for()
+        wire.locator(".hw-wire-head").get_by_text("Frame ").wait_for()
         wire.evaluate(PICTURES)
         before = wire.evaluate(top)
         height = wire.evaluate("document.querySelector('.hw-wire-inner').clientHeight")
