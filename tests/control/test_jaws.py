@@ -10,9 +10,11 @@ from tests.control.test_motions import Bench, Watched
 from tests.control.test_timed_motion import Timed
 from tests.defaults import default
 
+from hexwire.control.loop.owner import RobotOwner
 from hexwire.control.motion.motions import MotionOptions, MotionResult, check_path, run_grip, run_motion
 from hexwire.drivers.tools import Gripper
 from hexwire.errors import StoppedError, UsageError
+from hexwire.model.state import JointState, JointTarget
 
 BENCHES = {"the board's time": Timed, "target by target": Bench, "dialect 1": lambda: Bench(dialect=1)}
 
@@ -172,3 +174,31 @@ def test_what_is_not_possible_is_refused_before_anything_moves(grip: float, join
     with pytest.raises(UsageError, match=says):
         check_path(bench.robot, bench.way(joint, -0.1), bench.options(), grip=grip)
     assert not bench.targets
+
+
+def test_a_program_that_is_late_before_its_motion_begins_asks_where_the_arm_is(
+    bench: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whenever that is: a slow computer plans for longer than a state is new."""
+    newest, calls = RobotOwner.newest, 0
+
+    def late(owner: RobotOwner) -> JointState:
+        nonlocal calls
+        calls += 1
+        if calls == when:
+            bench.arm.wait(2.8)
+        return newest(owner)
+
+    monkeypatch.setattr(RobotOwner, "newest", late)
+    options = bench.options(grace=9.0, watchdog=30.0)
+    by, when, stalls = 0.1, 0, 0
+    while calls >= when:
+        stalls += bool(when)
+        calls, when, by = 0, when + 1, -by
+        path = check_path(bench.robot, bench.way(seconds=1.0, by=by), options, grip=0.5 + 3 * by)
+        result = run_motion(bench.robot, path, options)
+        assert (result.arrived, result.why) == (True, ""), when
+        target = JointTarget.of({"J4": bench.robot.read()["J4"].position - by}, 1.0)
+        result = run_motion(bench.robot, target, options)
+        assert (result.arrived, result.why) == (True, ""), when
+    assert stalls > 2

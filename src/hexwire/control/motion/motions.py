@@ -19,6 +19,7 @@ from hexwire.drivers.timed_path import PathState
 from hexwire.drivers.tools import Gripper
 from hexwire.errors import (
     CommandRefusedError,
+    DeviceError,
     GoalError,
     HexwireError,
     LeaseError,
@@ -185,9 +186,10 @@ class Execution:
         with self._owned(was_sent) as owner:
             powered = self._give_torque(driven, read_state(robot))
             self._start(owner, controller)
+            here = self._here(owner)
             if timed and owner.group.reason is None:
                 whole = legs[0] if len(legs) == 1 else Joined(legs)
-                whole = _from_here(controller, whole, owner.newest())
+                whole = _from_here(controller, whole, here)
 
                 def shifted(by: float) -> None:
                     with owner.locked():
@@ -200,15 +202,16 @@ class Execution:
                     legs = (whole,)
                     controller.generator.waits = False
             if gripper is not None and grip is not None:
-                state = owner.newest()
-                jaws = self._jaws(Closing(gripper, grip, state), jaws_at, state)
+                here = self._here(owner)
+                jaws = self._jaws(Closing(gripper, grip, here), jaws_at, here)
                 with owner.locked():
                     owner.group.members = (controller, jaws)
             for leg in legs:
+                here = self._here(owner)
                 # Stopped before it began: `stopped` has the reason.
                 if owner.group.reason is not None:
                     break
-                arrived, end = self._follow(owner, controller, leg, last if leg is legs[-1] else none)
+                arrived, end = self._follow(owner, controller, leg, here, last if leg is legs[-1] else none)
                 if not arrived:
                     break
             self._come_to_rest(owner, abort=bool(end) or not arrived)
@@ -317,7 +320,8 @@ class Execution:
             if step is not None:
                 observer.sent(SentTarget(target.positions, target.duration))
             self._start(owner, controller)
-            if timed and not controller.over and (path := path_to(robot, target, owner.newest())) is not None:
+            newest = self._here(owner)
+            if timed and not controller.over and (path := path_to(robot, target, newest)) is not None:
                 self._feed_path(path, outlives=options.outlives, owner=owner, apart=apart(path))
                 if self._feeder is not None:
                     # Its end may be judged by this program's clock: the grace is longer than what clocks differ.
@@ -408,16 +412,29 @@ class Execution:
             raise StoppedError("the motion", Status.STOPPED, f"{reason}; {helps}")
         self._observer.started(owner.timing)
 
+    def _here(self, owner: RobotOwner) -> JointState:
+        """The newest state. This thread alone asks for states: if it was late, it first asks for one."""
+        try:
+            return owner.newest()
+        except DeviceError:
+            owner.turn()
+        return owner.newest()
+
     def _follow(
-        self, owner: RobotOwner, controller: TrajectoryController, leg: Trajectory, tolerances: Tolerances
+        self,
+        owner: RobotOwner,
+        controller: TrajectoryController,
+        leg: Trajectory,
+        here: JointState,
+        tolerances: Tolerances,
     ) -> tuple[bool, JointTarget | Literal[True] | None]:
-        """Follow one trajectory to its end; returns whether it has arrived, and what `_turn` returns."""
+        """Follow one trajectory from a state; returns whether it has arrived, and what `_turn` returns."""
         run = MotionRun(owner, (controller,))
 
         def begin() -> None:
             with owner.locked():
                 begins = owner.now() if self._feeder is None else self._feeder.origin
-                controller.follow(leg, owner.newest(), begins, listener=run, tolerances=tolerances)
+                controller.follow(leg, here, begins, listener=run, tolerances=tolerances)
 
         run.begin(1, begin)
         end = self._turn(owner, lambda: run.over, owner.group.stop)
