@@ -13,9 +13,13 @@ import tty
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import pytest
 from tests.avr.machines import Machine
+from tests.defaults import default
+from tests.patient_node import REPLY_WINDOW
 
 from hexwire.link.serial import terminal_rate
+from hexwire.session.policy import RetryPolicy
 
 _SLICE = 0.002
 _UNSET = 38400  # of a terminal that no program has opened
@@ -141,9 +145,14 @@ class FlashableBoard(PtyBoard):
 
 @contextmanager
 def on_pty(board: PtyBoard) -> Iterator[PtyBoard]:
-    """Close a board and its machine in the end."""
+    """Close a board and its machine in the end.
+
+    Until then, hosts in this process wait longer for answers: a busy machine simulates a chip that is slow.
+    """
     try:
-        yield board
+        with pytest.MonkeyPatch.context() as patch:
+            default(patch, RetryPolicy, window=REPLY_WINDOW)
+            yield board
     finally:
         board.close()
         board.machine.close()

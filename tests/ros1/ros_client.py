@@ -173,10 +173,10 @@ class Program:
     def cancel(self, key: str) -> None:
         GOALS[key].client.cancel_goal()
 
-    def result(self, key: str) -> dict[str, Any]:
+    def result(self, key: str, patience: float = PATIENCE) -> dict[str, Any]:
         """Wait for a goal's end."""
         goal = GOALS[key]
-        if not goal.client.wait_for_result(rospy.Duration.from_sec(PATIENCE)):
+        if not goal.client.wait_for_result(rospy.Duration.from_sec(patience)):
             raise RuntimeError(f"no result; state {goal.client.get_state()}")
         result = goal.client.get_result()
         return {

@@ -24,8 +24,10 @@ from typing import Any
 import pytest
 from tests.defaults import default
 from tests.link.far_ends import free_port
+from tests.patient_node import FRESH, REPLY_WINDOW
 from tests.waits import PATIENCE, until
 
+from hexwire.control.loop import owner
 from hexwire.control.sharing.lease import Lease
 from hexwire.emulator.board import EmulatedBoard, make_hex7bot_board
 from hexwire.emulator.faults import FaultPlan
@@ -34,6 +36,7 @@ from hexwire.emulator.serve_pty import PtyServer
 from hexwire.fleet.service import Service
 from hexwire.fleet.service_file import read_arms
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
+from hexwire.session.policy import RetryPolicy
 
 _STALE = re.compile("no state from the robot|no answer from")
 """Why a goal is refused for want of recent states."""
@@ -294,6 +297,8 @@ def shared_board(world: Programs) -> Iterator[PtyBoard]:
             patch.setenv(name, str(folder))
             world.env[name] = str(folder)
         default(patch, Lease, max_age=5.0)
+        default(patch, RetryPolicy, window=REPLY_WINDOW)
+        patch.setattr(owner, "_FRESH", FRESH)
         board = PtyBoard(world.folder / "shared-arm")
         try:
             with Service(read_arms({"lab/arm1": {"port": board.port, "watchdog": 5.0, "lease": 5.0}})):
@@ -370,6 +375,7 @@ class Arm:
         namespace: Where its names are, with a slash at the end.
         board: Behind it, if that is in this process.
         name: Of the node.
+        patience: Seconds that the end of a goal is waited for.
     """
 
     def __init__(
@@ -379,8 +385,10 @@ class Arm:
         namespace: str = "/",
         board: PtyBoard | None = None,
         name: str = "hardware_interface",
+        patience: float = PATIENCE,
     ) -> None:
         self.world, self.node, self.namespace, self.name = world, node, namespace, name
+        self.patience = patience
         self._board = board
 
     @property
@@ -421,7 +429,7 @@ class Arm:
         self.client.send(key=key, action=action, names=names, points=points, **more)
 
     def result(self, key: str) -> dict[str, Any]:
-        result: dict[str, Any] = self.client.result(key=key)
+        result: dict[str, Any] = self.client.result(key=key, patience=self.patience)
         return result
 
     def succeeded(self, key: str) -> None:

@@ -305,6 +305,8 @@ def test_master_that_hangs_dies_and_is_restarted(own_world: World) -> None:
         board.faults()
         until(lambda: set(arm.position()) == set(JOINTS), "J1 is back", node.report)
         arm.trigger("reset")
+        # Whether J1 has torque is known again only after where it is.
+        arm.enable()
         arm.send("move", TARGET, 4.0)
         arm.client.wait_active(key="move", feedback=4)
         world.master.end()
