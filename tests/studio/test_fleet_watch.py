@@ -7,6 +7,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -18,7 +19,9 @@ from tests.waits import PATIENCE
 from hexwire.control.loop.power import Stopped
 from hexwire.errors import LinkNotFoundError, UsageError
 from hexwire.fleet.overview import stop_all
+from hexwire.studio import fleet_watch
 from hexwire.studio.fleet_watch import FleetWatch
+from hexwire.testing.link import Background
 
 __all__ = ["runtime", "serve"]
 
@@ -112,6 +115,21 @@ def test_nobody_looks_nothing_is_watched(watch: FleetWatch, clock: Clock) -> Non
     assert looked(watch, lambda found: not found["looking"])["arms"] == []
     watch.rest()
     assert watch._thread is None
+
+
+def test_watching_may_end_while_it_begins(watch: FleetWatch, monkeypatch: pytest.MonkeyPatch) -> None:
+    ended: list[Background] = []
+
+    class Slow(threading.Thread):
+        def start(self) -> None:
+            ended.append(Background(watch.rest))
+            until(watch._ending.is_set, "somebody ends it")
+            ended[0].let_it_block()
+            super().start()
+
+    monkeypatch.setattr(fleet_watch, "threading", SimpleNamespace(Thread=Slow))
+    watch.look()
+    ended[0].outcome()
 
 
 def test_without_zenoh_it_says_how_to_install_it(watch: FleetWatch, monkeypatch: pytest.MonkeyPatch) -> None:

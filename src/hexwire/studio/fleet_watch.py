@@ -178,7 +178,9 @@ class FleetWatch:
     def _end(self) -> None:
         self._ending.set()
         self._changed.set()
-        thread = self._thread
+        # With the lock it has started: one that has not cannot be waited for.
+        with self._lock:
+            thread = self._thread
         if thread is not None:
             thread.join()
 
