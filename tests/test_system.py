@@ -1,9 +1,11 @@
 from __future__ import annotations
 
 import os
+import queue
 import signal
 import socket
 import struct
+import threading
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -122,3 +124,16 @@ def test_a_connection_that_would_wait_in_close_does_not_and_others_are_left_alon
         finally:
             for end in ends:
                 end.close()
+
+
+def test_an_item_of_a_queue_is_waited_for_as_long_as_one_says() -> None:
+    items: queue.SimpleQueue[int] = queue.SimpleQueue()
+    items.put(1)
+    items.put(2)
+    for seconds in (0.001, None):
+        assert system.next_within(items, seconds) in (1, 2)
+    with pytest.raises(queue.Empty):
+        system.next_within(items, 0.001)
+    for seconds in (PATIENCE, None):
+        threading.Timer(0.01, items.put, (3,)).start()
+        assert system.next_within(items, seconds) == 3

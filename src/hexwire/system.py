@@ -1,4 +1,4 @@
-"""What differs between operating systems: users, devices, flags of files, sockets, signals, waiting for input.
+"""What differs between systems: users, devices, flags of files, sockets, signals, waiting for input and queues.
 
 Owns these differences, so that no other module asks which system it runs on, except those that exist for one system
 only. Linux is the system hexwire is made for; where another one has no such thing, the value here says so.
@@ -16,10 +16,11 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
+    from queue import SimpleQueue
 
 __all__ = [
     "BINARY",
@@ -41,9 +42,12 @@ __all__ = [
     "group_name",
     "lock_file",
     "make_poll",
+    "next_within",
     "user_id",
     "user_name",
 ]
+
+_T = TypeVar("_T")
 
 # The same numbers on every system that has them.
 READABLE, WRITABLE, _FAULT, HANG_UP = 0x001, 0x004, 0x008, 0x010
@@ -200,6 +204,28 @@ def end_by_alarm(seconds: int) -> None:
 
 _LINE = 4096
 """Most bytes of a typed line."""
+
+
+def next_within(items: SimpleQueue[_T], seconds: float | None) -> _T:
+    """The next item of a queue that no other thread reads.
+
+    With a limit, `SimpleQueue.get` of CPython 3.11 may wait for ever: once it has the queue's lock it looks how
+    much time is left, and takes less than none for no limit. A thread that a busy machine keeps from running
+    meanwhile is enough. A look that does not wait takes the lock before.
+
+    Args:
+        items: The queue.
+        seconds: To wait at most; None for no limit.
+
+    Raises:
+        queue.Empty: None came in time.
+    """
+    from queue import Empty
+
+    try:
+        return items.get_nowait()
+    except Empty:
+        return items.get(timeout=seconds)
 
 
 class Poll(Protocol):

@@ -20,6 +20,7 @@ from weakref import WeakSet
 
 from hexwire.link.base import Link
 from hexwire.link.tap import TRACE_VARIABLE, Direction, Missed, Passed, TapLink, wrap_every_link
+from hexwire.system import next_within
 
 from .chapter_log import format_passed, format_positions
 from .explain import Explained, Explainer
@@ -160,7 +161,7 @@ class Tracer:
         work = self.missed.guard(self._print)
         while True:
             try:
-                lines, done = self._queue.get(timeout=_IDLE)
+                lines, done = next_within(self._queue, _IDLE)
             except Empty:
                 for link in list(self._links):
                     work(link.given_up)

@@ -13,6 +13,7 @@ from concurrent.futures import Future
 from typing import Generic, TypeVar
 
 from hexwire.errors import UsageError
+from hexwire.system import next_within
 
 __all__ = ["MOST_GATHERED", "Gathering", "MergedCalls", "Worker"]
 
@@ -81,7 +82,7 @@ class Worker:
     def _run(self) -> None:
         while True:
             try:
-                job = self._jobs.get(timeout=self._patience)
+                job = next_within(self._jobs, self._patience)
             except queue.Empty:
                 with self._lock:
                     if not self._jobs.empty():

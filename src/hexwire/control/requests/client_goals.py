@@ -16,6 +16,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 from hexwire.errors import GoalError
+from hexwire.system import next_within
 
 from ..loop.outcomes import Outcome, Reason
 
@@ -242,7 +243,7 @@ class ClientGoals(Generic[_C]):
                 self._try(self._answers.popleft()[1])
                 continue
             try:
-                job = self._work.get(timeout=_STEP if self._answers else None)
+                job = next_within(self._work, _STEP if self._answers else None)
             except queue.Empty:
                 continue
             if job is None:
