@@ -11,9 +11,10 @@ from tests.control.test_timed_motion import Timed
 from tests.defaults import default
 
 from hexwire.control.loop.owner import RobotOwner
+from hexwire.control.loop.reader import StateReader
 from hexwire.control.motion.motions import MotionOptions, MotionResult, check_path, run_grip, run_motion
 from hexwire.drivers.tools import Gripper
-from hexwire.errors import StoppedError, UsageError
+from hexwire.errors import PreemptedError, StoppedError, UsageError
 from hexwire.model.state import JointState, JointTarget
 
 BENCHES = {"the board's time": Timed, "target by target": Bench, "dialect 1": lambda: Bench(dialect=1)}
@@ -198,7 +199,34 @@ def test_a_program_that_is_late_before_its_motion_begins_asks_where_the_arm_is(
         path = check_path(bench.robot, bench.way(seconds=1.0, by=by), options, grip=0.5 + 3 * by)
         result = run_motion(bench.robot, path, options)
         assert (result.arrived, result.why) == (True, ""), when
-        target = JointTarget.of({"J4": bench.robot.read()["J4"].position - by}, 1.0)
+        result = run_motion(bench.robot, check_path(bench.robot, bench.way(seconds=1.0, by=by), options), options)
+        assert (result.arrived, result.why) == (True, ""), when
+        target = JointTarget.of({"J4": bench.robot.read()["J4"].position - 2 * by}, 1.0)
         result = run_motion(bench.robot, target, options)
         assert (result.arrived, result.why) == (True, ""), when
     assert stalls > 2
+
+
+def test_a_motion_that_is_stopped_before_its_first_state_asks_for_no_other(
+    bench: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    options = bench.options(grace=9.0)
+    here = bench.robot.read()["J4"].position
+    motions = [
+        check_path(bench.robot, bench.way(seconds=1.0), options),
+        check_path(bench.robot, bench.way(seconds=1.0), options, grip=0.5),
+        JointTarget.of({"J4": here + 0.1}, 1.0),
+    ]
+    for motion in motions:
+        with monkeypatch.context() as patch:
+            asked = 0
+
+            def preempted(reader: StateReader) -> JointState:
+                nonlocal asked
+                asked += 1
+                raise PreemptedError("a stop came first")
+
+            patch.setattr(StateReader, "next", preempted)
+            result = run_motion(bench.robot, motion, options)
+        assert (result.arrived, asked) == (False, 1)
+        assert result.stopped is not None

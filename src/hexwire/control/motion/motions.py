@@ -186,8 +186,7 @@ class Execution:
         with self._owned(was_sent) as owner:
             powered = self._give_torque(driven, read_state(robot))
             self._start(owner, controller)
-            here = self._here(owner)
-            if timed and owner.group.reason is None:
+            if timed and (here := self._here(owner)) is not None:
                 whole = legs[0] if len(legs) == 1 else Joined(legs)
                 whole = _from_here(controller, whole, here)
 
@@ -201,15 +200,14 @@ class Execution:
                 ):
                     legs = (whole,)
                     controller.generator.waits = False
-            if gripper is not None and grip is not None:
-                here = self._here(owner)
+            if gripper is not None and grip is not None and (here := self._here(owner)) is not None:
                 jaws = self._jaws(Closing(gripper, grip, here), jaws_at, here)
                 with owner.locked():
                     owner.group.members = (controller, jaws)
             for leg in legs:
                 here = self._here(owner)
                 # Stopped before it began: `stopped` has the reason.
-                if owner.group.reason is not None:
+                if here is None:
                     break
                 arrived, end = self._follow(owner, controller, leg, here, last if leg is legs[-1] else none)
                 if not arrived:
@@ -320,8 +318,8 @@ class Execution:
             if step is not None:
                 observer.sent(SentTarget(target.positions, target.duration))
             self._start(owner, controller)
-            newest = self._here(owner)
-            if timed and not controller.over and (path := path_to(robot, target, newest)) is not None:
+            newest = self._here(owner) if timed and not controller.over else None
+            if newest is not None and (path := path_to(robot, target, newest)) is not None:
                 self._feed_path(path, outlives=options.outlives, owner=owner, apart=apart(path))
                 if self._feeder is not None:
                     # Its end may be judged by this program's clock: the grace is longer than what clocks differ.
@@ -412,13 +410,17 @@ class Execution:
             raise StoppedError("the motion", Status.STOPPED, f"{reason}; {helps}")
         self._observer.started(owner.timing)
 
-    def _here(self, owner: RobotOwner) -> JointState:
-        """The newest state. This thread alone asks for states: if it was late, it first asks for one."""
-        try:
-            return owner.newest()
-        except DeviceError:
-            owner.turn()
-        return owner.newest()
+    def _here(self, owner: RobotOwner) -> JointState | None:
+        """The newest state, for a motion to begin there; None if it was stopped before.
+
+        This thread alone asks for states: if it was late, it first asks for one.
+        """
+        if owner.group.reason is None:
+            try:
+                return owner.newest()
+            except DeviceError:
+                owner.turn()
+        return owner.newest() if owner.group.reason is None else None
 
     def _follow(
         self,
