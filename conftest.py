@@ -14,7 +14,8 @@ from collections.abc import Generator, Iterator
 
 import pytest
 from pytest_markdown_docs.plugin import MarkdownDocstringCodeModule, MarkdownInlinePythonItem
-from tests.cli.shared_arm import patient, patient_line
+from tests.cli.shared_arm import patient
+from tests.defaults import patient_line
 from tests.emulator.terminals import serving
 
 from hexwire.emulator.board import make_hex7bot_board

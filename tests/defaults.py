@@ -13,6 +13,8 @@ from typing import Any
 
 import pytest
 
+from hexwire.session.policy import RetryPolicy
+
 
 def default(patch: pytest.MonkeyPatch, function: Callable[..., Any], **values: object) -> None:
     """Give parameters of a function, or of a class, other defaults until the patch is undone."""
@@ -29,3 +31,12 @@ def default(patch: pytest.MonkeyPatch, function: Callable[..., Any], **values: o
             plain[optional.index(name)] = value
     patch.setattr(inner, "__kwdefaults__", keywords)
     patch.setattr(inner, "__defaults__", tuple(plain))
+
+
+def patient_line(patch: pytest.MonkeyPatch, window: float = 1.0) -> None:
+    """Longer times for answers, seconds: the board's thread may get no processor for a while.
+
+    While a command finds out with whom it speaks, it may wait so long for an answer of dialect 1, which does not
+    come: so that it asks for dialect 2 again, this is at most a second.
+    """
+    default(patch, RetryPolicy, window=window, dialect1_window=min(window, 1.0))

@@ -15,11 +15,10 @@ from contextlib import contextmanager
 
 import pytest
 from tests.avr.machines import Machine
-from tests.defaults import default
+from tests.defaults import patient_line
 from tests.patient_node import REPLY_WINDOW
 
 from hexwire.link.serial import terminal_rate
-from hexwire.session.policy import RetryPolicy
 
 _SLICE = 0.002
 _UNSET = 38400  # of a terminal that no program has opened
@@ -151,7 +150,7 @@ def on_pty(board: PtyBoard) -> Iterator[PtyBoard]:
     """
     try:
         with pytest.MonkeyPatch.context() as patch:
-            default(patch, RetryPolicy, window=REPLY_WINDOW)
+            patient_line(patch, REPLY_WINDOW)
             yield board
     finally:
         board.close()

@@ -20,7 +20,6 @@ from hexwire.control.sharing.lease import Lease
 from hexwire.emulator.board import EmulatedBoard
 from hexwire.emulator.serve_pty import PtyServer
 from hexwire.motion.safety import SafetyLimits
-from hexwire.session.policy import RetryPolicy
 
 ARM = "zenoh:lab/arm1"
 
@@ -85,15 +84,6 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     default(monkeypatch, MotionOptions, watchdog=5.0, limits=limits)
     # Of what is shared by this process.
     default(monkeypatch, Lease, max_age=2.0)
-
-
-def patient_line(monkeypatch: pytest.MonkeyPatch, window: float = 1.0) -> None:
-    """Longer times for answers, seconds: the board's thread may get no processor for a while.
-
-    While a command finds out with whom it speaks, it may wait so long for an answer of dialect 1, which does not
-    come: so that it asks for dialect 2 again, this is at most a second.
-    """
-    default(monkeypatch, RetryPolicy, window=window, dialect1_window=min(window, 1.0))
 
 
 def run(*words: str, port: str = ARM) -> Result:

@@ -8,7 +8,7 @@ from contextlib import suppress
 
 import pytest
 from click.testing import CliRunner, Result
-from tests.cli.shared_arm import patient_line
+from tests.defaults import patient_line
 from tests.drivers.puma_server import served_puma
 from tests.gateway.tcp_boards import Running, tcp_boards, wait
 from tests.waits import until

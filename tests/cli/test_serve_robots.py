@@ -18,7 +18,8 @@ from subprocess import Popen
 import pytest
 from click.testing import Result
 from tests.beside import beside
-from tests.cli.shared_arm import ARM, patient, patient_line, plain, process, run
+from tests.cli.shared_arm import ARM, patient, plain, process, run
+from tests.defaults import patient_line
 from tests.fleet.emulated import KINDS, emulated
 from tests.link.far_ends import free_port
 from tests.ros1.ros_world import PtyBoard, still

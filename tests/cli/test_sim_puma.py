@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
-from tests.cli.shared_arm import patient, patient_line
+from tests.cli.shared_arm import patient
+from tests.defaults import patient_line
 
 from hexwire.cli.main import cli
 from hexwire.link.certs import issue_certificate, make_authority

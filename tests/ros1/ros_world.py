@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from tests.defaults import default
+from tests.defaults import default, patient_line
 from tests.link.far_ends import free_port
 from tests.patient_node import FRESH, REPLY_WINDOW
 from tests.waits import PATIENCE, until
@@ -36,7 +36,6 @@ from hexwire.emulator.serve_pty import PtyServer
 from hexwire.fleet.service import Service
 from hexwire.fleet.service_file import read_arms
 from hexwire.model.arms.hex7bot.joints import HEX7BOT
-from hexwire.session.policy import RetryPolicy
 
 _STALE = re.compile("no state from the robot|no answer from")
 """Why a goal is refused for want of recent states."""
@@ -297,7 +296,7 @@ def shared_board(world: Programs) -> Iterator[PtyBoard]:
             patch.setenv(name, str(folder))
             world.env[name] = str(folder)
         default(patch, Lease, max_age=5.0)
-        default(patch, RetryPolicy, window=REPLY_WINDOW)
+        patient_line(patch, REPLY_WINDOW)
         patch.setattr(owner, "_FRESH", FRESH)
         board = PtyBoard(world.folder / "shared-arm")
         try:

@@ -15,7 +15,8 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
-from tests.cli.shared_arm import Plug, patient, patient_line
+from tests.cli.shared_arm import Plug, patient
+from tests.defaults import patient_line
 from tests.system.programs import Terminal, board, gone, mute_port, read_until, start
 
 from hexwire.cli.main import cli

@@ -19,7 +19,8 @@ from pathlib import Path
 
 import pytest
 from tests.beside import beside
-from tests.cli.shared_arm import Plug, ok, patient, patient_line
+from tests.cli.shared_arm import Plug, ok, patient
+from tests.defaults import patient_line
 from tests.link.far_ends import free_port
 from tests.system.programs import PATIENCE, read_until
 from tests.waits import eventually

@@ -10,7 +10,8 @@ import time
 
 import pytest
 from click.testing import CliRunner
-from tests.cli.shared_arm import Plug, ok, patient, patient_line, run
+from tests.cli.shared_arm import Plug, ok, patient, run
+from tests.defaults import patient_line
 from tests.system import programs
 from tests.system.programs import ANSI, PATIENCE, Terminal, children_of, gone, hexwire, read_until, start
 from tests.waits import eventually
@@ -33,7 +34,7 @@ LATER = re.compile(r"^ *[1-9]\d*\.\d s: ", re.MULTILINE)
 PATIENT = """
 import sys
 import pytest
-from tests.cli.shared_arm import patient_line
+from tests.defaults import patient_line
 from hexwire.cli import demo
 from hexwire.cli.main import main
 demo._WATCHDOG = 5.0

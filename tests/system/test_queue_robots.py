@@ -10,7 +10,8 @@ from contextlib import contextmanager
 
 import pytest
 from click.testing import CliRunner
-from tests.cli.shared_arm import patient, patient_line
+from tests.cli.shared_arm import patient
+from tests.defaults import patient_line
 from tests.gateway.tcp_boards import tcp_boards
 
 from hexwire.cli.main import cli
